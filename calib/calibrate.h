@@ -1,0 +1,43 @@
+// Camera and projector from views of a board: intrinsics, radial (and tangential) distortion of both, relative pose.
+//
+// Minimised is the sum of whitened squares of
+//   camera      (px, py) - pi_cam(cam_from_board X_ij)                 / u_pixel     2 per corner           (1)
+//   projector   u - u_proj(proj_from_cam cam_from_board X_ij)          / u(u)        1 per corner and axis  (2)
+// over the camera (f, c, distortion), the projector (f, u0 per coded axis, distortion), proj_from_cam and the poses, with
+// the models of calib/model. Robust loss first; corners beyond 4 standard deviations are then listed and left out, and the
+// clean problem is solved again. The covariance is (J^T J)^-1 of the clean problem, times chi2/dof where that exceeds 1.
+// A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place along the
+// fringes) gets a weak prior, which the Scanner names.
+// [Zhang2000] [Chen2008, eqs. 18-20]
+#pragma once
+
+#include "calib/model/board.h"
+#include "calib/model/scanner.h"
+#include "core/result.h"
+
+#include <span>
+
+namespace fringecal::calib {
+
+/// Which distortion terms are estimated.
+enum class DistortionTerms {
+  none,
+  radial,             // k1, k2: the paper's model
+  radial_tangential,  // k1, k2, p1, p2
+  full,               // k1, k2, p1, p2, k3: OpenCV's default
+  automatic,          // the set the data support: a richer one only where it lowers the Bayesian information criterion
+};
+
+struct CalibrationOptions {
+  DistortionTerms camera_terms = DistortionTerms::automatic;
+  DistortionTerms projector_terms = DistortionTerms::radial;  // none or radial where one axis only is coded
+  int min_poses = 3;
+  std::optional<double> pixel_mm;             // passed on to the Scanner for the paper's parameters
+  std::optional<double> working_distance_mm;  // L; by default the boards' mean distance along the projector's axis
+};
+
+Result<model::Scanner> calibrate(std::span<const model::BoardObservation> observations, const model::Board& board,
+                                 int width_px, int height_px, const PatternPlan& plan,
+                                 const CalibrationOptions& options = {});
+
+}  // namespace fringecal::calib

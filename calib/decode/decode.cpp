@@ -1,0 +1,1 @@
+#include "calib/decode/decode.h"

@@ -1,0 +1,82 @@
+// From the frames of a Capture to phase: Gray code and N-step phase shifting, with the standard uncertainty of each pixel.
+//
+//   wrapped     phi' = atan2(S, C),  S = sum I_k sin(2 pi k / N),  C = sum I_k cos(2 pi k / N)       (1)  [eq. 3 for N = 4]
+//   modulation  B = (2 / N) sqrt(S^2 + C^2),   mean A = (1 / N) sum I_k                              (2)
+//   absolute    phi = 2 pi m + phi',  m from the Gray code                                           (3)  [Chen2008, eq. 4]
+//   noise       u(phi') = sqrt(2 / N) sigma / B, sigma the grey-level noise at that pixel's level    (4)
+// A Gray bit is decided per pixel against the best reference that the plan has: its inverse; else the mean A of the phase
+// patterns; else the mean of white and black. A plan without phase patterns gives phi at the middle of the stripe (5) with
+// u(phi) = stripe / sqrt(12).
+//
+// Two results from the same frames (EdgeRule):
+//   plain      m straight from the code: at a period edge the least error of the Gray edge shows as a jump of 2 pi. This
+//              is what the grating alignment measures; it must not be hidden.
+//   redundant  at a period edge the code's own redundancy decides which side of the edge a pixel is on: with two stripes
+//              per period the half in which the code says the pixel lies; with one, the Gray bit nearest to its threshold.
+//              For measuring. No neighbouring pixel is asked: each pixel stands alone.
+#pragma once
+
+#include "core/capture.h"
+#include "core/image.h"
+#include "core/result.h"
+
+#include <cstdint>
+
+namespace fringecal::decode {
+
+enum class Validity : std::uint8_t {
+  valid = 0,
+  shadow = 1,             // the projector's light does not arrive: white - black, or 2B, is below the noise
+  saturated = 2,          // a phase frame (or the white frame) is at the camera's upper limit
+  low_modulation = 3,     // B below the limit of the options
+  inconsistent_code = 4,  // code and phase contradict each other by more than the redundancy can explain, or m is outside
+                          // of what the pattern holds
+};
+
+/// The word for people and JSON: "valid", "shadow", "saturated", "low modulation", "inconsistent code".
+const char* name_of(Validity validity);
+
+enum class EdgeRule { plain, redundant };
+
+struct DecodeOptions {
+  EdgeRule edges = EdgeRule::redundant;
+  // Below this many grey levels (at 8 bit; scaled with the depth) of B a pixel is not used: at 4 levels and one level of
+  // noise u(phi) is 0.18 rad, where order errors begin.
+  double min_modulation_8bit = 4.0;
+  // Where the capture itself cannot tell the noise, or the user knows better: standard deviation in grey levels.
+  std::optional<double> sigma_gray_levels;
+};
+
+/// sigma^2(I) = read_variance + gain I, in grey levels of the capture.
+struct NoiseModel {
+  double read_variance = 0, gain = 0;
+  std::string source;  // "estimated from the capture's own frames", "given", ...
+  double sigma(double level) const;
+};
+
+struct PhaseMap {
+  CodeAxis axis = CodeAxis::x;
+  FringeCode code;
+  EdgeRule edges = EdgeRule::redundant;
+  Image<float> phase_rad;          // absolute, eq. 3; quiet NaN where not valid (for files; use validity in arithmetic)
+  Image<float> wrapped_rad;        // (-pi, pi]; empty without phase patterns
+  Image<float> modulation;         // B in grey levels; without phase patterns half the difference of the references
+  Image<float> mean;               // A in grey levels
+  Image<float> u_phase_rad;        // eq. 4
+  Image<std::uint8_t> validity;    // Validity
+  NoiseModel noise;
+
+  int width() const { return validity.width(); }
+  int height() const { return validity.height(); }
+  bool valid(int x, int y) const { return validity(x, y) == 0; }
+  /// Pattern coordinate u in the code's unit (core/pattern_plan.h).
+  double u_at(int x, int y) const { return code.u_from_phase(phase_rad(x, y)); }
+};
+
+/// Number of pixels per Validity, in its order.
+std::array<std::size_t, 5> count_validity(const PhaseMap& map);
+
+/// Throws InputError where the capture has no code along that axis. Deterministic, whatever the thread count.
+PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions& options = {});
+
+}  // namespace fringecal::decode

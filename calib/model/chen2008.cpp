@@ -1,0 +1,1 @@
+#include "calib/model/chen2008.h"

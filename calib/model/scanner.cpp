@@ -1,0 +1,215 @@
+#include "calib/model/scanner.h"
+
+#include "core/file.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace fringecal::model {
+namespace {
+
+constexpr const char* kSchema = "fringecal.scanner";
+constexpr int kVersion = 1;
+
+Value to_value(const ParameterCovariance& u) {
+  Value names = Value::array(), rows = Value::array(), standard = Value::object();
+  for (std::size_t i = 0; i < u.names.size(); ++i) {
+    names.append(u.names[i]);
+    const auto row = u.covariance.row(static_cast<Eigen::Index>(i));
+    rows.append(Value::numbers(std::vector<double>(row.begin(), row.end())));
+    standard.set(u.names[i], std::sqrt(u.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i))));
+  }
+  return Value::object().set("standard_uncertainty", standard).set("names", names).set("covariance", rows);
+}
+
+ParameterCovariance covariance_from(Fields fields) {
+  ParameterCovariance u;
+  u.names = fields.texts("names");
+  fields.ignore("standard_uncertainty");  // repeated for readers; the covariance is what counts
+  const auto n = static_cast<Eigen::Index>(u.names.size());
+  u.covariance.resize(n, n);
+  const Value rows = fields.raw("covariance");
+  const auto* array = rows.if_array();
+  if (!array || array->size() != u.names.size()) fields.complain("'covariance' must have one row per name");
+  for (Eigen::Index i = 0; i < n; ++i) {
+    Fields row(Value::object().set("row", (*array)[static_cast<std::size_t>(i)]), fields.file(), "uncertainty.covariance");
+    const auto numbers = row.numbers("row", u.names.size());
+    for (Eigen::Index j = 0; j < n; ++j) u.covariance(i, j) = numbers[static_cast<std::size_t>(j)];
+  }
+  fields.finish();
+  return u;
+}
+
+Value to_value(const ResidualStatistics& r) {
+  return Value::object()
+      .set("camera_rms_px", r.camera_rms_px)
+      .set("projector_rms", r.projector_rms)
+      .set("projector_unit", r.projector_unit)
+      .set("grid_rms_mm", r.grid_rms_mm)
+      .set("chi2_per_dof", r.chi2_per_dof)
+      .set("corners_used", r.corners_used)
+      .set("corners_rejected", r.corners_rejected)
+      .set("poses", r.poses)
+      .set("iterations", r.iterations);
+}
+
+ResidualStatistics residuals_from(Fields f) {
+  ResidualStatistics r;
+  r.camera_rms_px = f.number("camera_rms_px");
+  r.projector_rms = f.number("projector_rms");
+  r.projector_unit = f.text("projector_unit");
+  r.grid_rms_mm = f.number("grid_rms_mm");
+  r.chi2_per_dof = f.number("chi2_per_dof");
+  r.corners_used = f.integer("corners_used");
+  r.corners_rejected = f.integer("corners_rejected");
+  r.poses = f.integer("poses");
+  r.iterations = f.integer("iterations");
+  f.finish();
+  return r;
+}
+
+// One line per corner: column, row, pixel x, pixel y, u(pixel), used (1 or 0), then value and u per coded axis.
+Value to_value(const BoardObservation& o) {
+  Value corners = Value::array();
+  bool has_x = false, has_y = false;
+  for (const auto& c : o.corners) {
+    has_x = has_x || c.x;
+    has_y = has_y || c.y;
+  }
+  for (const auto& c : o.corners) {
+    Value line = Value::array();
+    line.append(c.column).append(c.row).append(c.pixel.x()).append(c.pixel.y()).append(c.u_pixel_px).append(c.used ? 1 : 0);
+    for (const auto& [has, coordinate] : {std::pair(has_x, c.x), std::pair(has_y, c.y)}) {
+      if (!has) continue;
+      // u = 0 marks "no value at this corner": a measured coordinate never has it.
+      line.append(coordinate ? coordinate->value : 0.0).append(coordinate ? coordinate->u : 0.0);
+    }
+    corners.append(line);
+  }
+  return Value::object().set("name", o.name).set("coded_x", has_x).set("coded_y", has_y).set("corners", corners);
+}
+
+BoardObservation observation_from(Fields f) {
+  BoardObservation o;
+  o.name = f.text("name");
+  const bool has_x = f.boolean("coded_x"), has_y = f.boolean("coded_y");
+  const Value lines = f.raw("corners");
+  if (!lines.if_array()) f.complain("'corners' must be a list");
+  for (const Value& line : *lines.if_array()) {
+    Fields one(Value::object().set("corner", line), f.file(), "observations.corners");
+    const auto n = one.numbers("corner", 6 + 2 * static_cast<std::size_t>(has_x) + 2 * static_cast<std::size_t>(has_y));
+    CornerObservation c;
+    c.column = static_cast<int>(n[0]);
+    c.row = static_cast<int>(n[1]);
+    c.pixel = {n[2], n[3]};
+    c.u_pixel_px = n[4];
+    c.used = n[5] != 0;
+    if (has_x && n[7] > 0) c.x = Uncertain{n[6], n[7]};
+    if (has_y && n[n.size() - 1] > 0) c.y = Uncertain{n[n.size() - 2], n[n.size() - 1]};
+    o.corners.push_back(c);
+  }
+  f.finish();
+  return o;
+}
+
+Provenance provenance_from(Fields f) {
+  Provenance p;
+  p.program = f.text("program");
+  p.version = f.text("version");
+  p.date = f.text("date");
+  const Value inputs = f.raw("inputs_sha256");
+  if (const auto* object = inputs.if_object()) {
+    for (const auto& [name, hash] : *object) p.inputs.emplace_back(name, hash.if_text() ? *hash.if_text() : "");
+  }
+  f.finish();
+  return p;
+}
+
+}  // namespace
+
+std::optional<double> ParameterCovariance::u(const std::string& name) const {
+  const auto it = std::find(names.begin(), names.end(), name);
+  if (it == names.end()) return std::nullopt;
+  const auto i = static_cast<Eigen::Index>(it - names.begin());
+  return std::sqrt(covariance(i, i));
+}
+
+Rigid3 Scanner::world_from_proj() const {
+  // Rows: world X, Y, Z expressed in proj. Coded along x: X = x, Y = -y, Z = -z; along y: X = y, Y = x, Z = -z.
+  Eigen::Matrix3d rotation;
+  if (projector.main_axis() == CodeAxis::x) {
+    rotation << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  } else {
+    rotation << 0, 1, 0, 1, 0, 0, 0, 0, -1;
+  }
+  return {Eigen::Quaterniond(rotation), Eigen::Vector3d(0, 0, working_distance_mm)};
+}
+
+Value to_value(const Rigid3& rigid) {
+  const auto& q = rigid.rotation;
+  return Value::object()
+      .set("rotation_wxyz", Value::numbers(std::array{q.w(), q.x(), q.y(), q.z()}))
+      .set("translation_mm", Value::numbers(rigid.translation_mm));
+}
+
+Rigid3 rigid_from(Fields fields) {
+  const auto q = fields.numbers("rotation_wxyz", 4);
+  const auto t = fields.numbers("translation_mm", 3);
+  fields.finish();
+  const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
+  if (!(std::abs(rotation.norm() - 1.0) < 1e-9)) fields.complain("rotation_wxyz must have length 1");
+  return {rotation, Eigen::Vector3d(t[0], t[1], t[2])};
+}
+
+void write_scanner(const std::filesystem::path& file, const Scanner& s) {
+  Value priors = Value::array(), observations = Value::array(), poses = Value::array();
+  for (const auto& p : s.priors) {
+    priors.append(Value::object().set("parameter", p.parameter).set("value", p.value).set("u", p.u).set("reason", p.reason));
+  }
+  for (const auto& o : s.observations) observations.append(to_value(o));
+  for (const auto& pose : s.cam_from_board) poses.append(to_value(pose));
+  Value out = Value::object()
+                  .set("schema", kSchema)
+                  .set("schema_version", kVersion)
+                  .set("name", s.name)
+                  .set("camera", model::to_value(s.camera))
+                  .set("projector", model::to_value(s.projector))
+                  .set("proj_from_cam", to_value(s.proj_from_cam))
+                  .set("working_distance_mm", s.working_distance_mm)
+                  .set("method", s.method)
+                  .set("residuals", to_value(s.residuals))
+                  .set("priors", priors)
+                  .set("uncertainty", to_value(s.uncertainty));
+  if (s.board) out.set("board", model::to_value(*s.board));
+  out.set("cam_from_board", poses).set("observations", observations).set("provenance", fringecal::to_value(s.provenance));
+  write_atomically(file, to_json(out));
+}
+
+Scanner read_scanner(const std::filesystem::path& file) {
+  Fields f(read_json(file), file.string());
+  f.expect_schema(kSchema, kVersion);
+  Scanner s;
+  s.name = f.text("name");
+  s.camera = camera_from(f.table("camera"));
+  s.projector = projector_from(f.table("projector"));
+  s.proj_from_cam = rigid_from(f.table("proj_from_cam"));
+  s.working_distance_mm = f.number("working_distance_mm");
+  s.method = f.text("method");
+  s.residuals = residuals_from(f.table("residuals"));
+  for (auto& p : f.tables("priors")) {
+    s.priors.push_back({p.text("parameter"), p.number("value"), p.number("u"), p.text("reason")});
+    p.finish();
+  }
+  s.uncertainty = covariance_from(f.table("uncertainty"));
+  if (auto b = f.optional_table("board")) s.board = board_from(*b);
+  for (auto& pose : f.tables("cam_from_board")) s.cam_from_board.push_back(rigid_from(pose));
+  for (auto& o : f.tables("observations")) s.observations.push_back(observation_from(o));
+  s.provenance = provenance_from(f.table("provenance"));
+  f.finish();
+  if (s.cam_from_board.size() != s.observations.size()) f.complain("'cam_from_board' and 'observations' must be as many");
+  return s;
+}
+
+}  // namespace fringecal::model

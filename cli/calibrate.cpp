@@ -1,0 +1,9 @@
+#include "cli/commands.h"
+
+#include <CLI/CLI.hpp>
+
+namespace fringecal::cli {
+
+void add_calibrate(CLI::App&) {}
+
+}  // namespace fringecal::cli

@@ -1,0 +1,19 @@
+// The commands of the program, one file each: parse -> load -> one library call -> write. No mathematics.
+#pragma once
+
+namespace CLI {
+class App;
+}
+
+namespace fringecal::cli {
+
+void add_import(CLI::App& app);
+void add_decode(CLI::App& app);
+void add_calibrate(CLI::App& app);
+void add_align(CLI::App& app);
+void add_measure(CLI::App& app);
+void add_fit(CLI::App& app);
+void add_render(CLI::App& app);
+void add_commission(CLI::App& app);
+
+}  // namespace fringecal::cli

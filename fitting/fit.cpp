@@ -1,0 +1,1 @@
+#include "fitting/fit.h"

@@ -1,0 +1,1 @@
+#include "hw/virtual/virtual_scanner.h"

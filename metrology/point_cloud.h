@@ -1,0 +1,29 @@
+// PointCloud: what a measurement gives. Frame `world` (calib/model/scanner.h), mm.
+#pragma once
+
+#include <Eigen/Core>
+
+#include <cstdint>
+#include <filesystem>
+#include <vector>
+
+namespace fringecal::metrology {
+
+struct CloudPoint {
+  Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit, towards the camera; zero vector where it was not sensible
+  double u_along_ray_mm = 0;        // standard uncertainty along the camera's ray, from the phase noise of this pixel alone
+  float modulation = 0;             // grey levels: the quality figure that does not depend on the model
+  std::uint16_t pixel_x = 0, pixel_y = 0;
+};
+
+struct PointCloud {
+  std::vector<CloudPoint> points;
+  std::vector<Eigen::Vector3d> positions_mm() const;
+};
+
+/// Binary little-endian PLY: x y z nx ny nz u_mm modulation pixel_x pixel_y. Positions are doubles.
+void write_ply(const std::filesystem::path& file, const PointCloud& cloud);
+PointCloud read_ply(const std::filesystem::path& file);
+
+}  // namespace fringecal::metrology
