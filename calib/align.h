@@ -1,12 +1,13 @@
 // Grating alignment: how far the fringe direction is off the slide direction, from one capture of a flat board.
 //
-// A pattern that sits k pitches d along the slide arrives k d sin(theta) off sideways. With bits b = 0 .. n-1 and the phase
-// patterns after them, bit b jumps against the phase by
+// A pattern that sits k pitches d along the slide arrives k d sin(theta) off sideways. With bits b = 0 .. n-1 and the
+// phase patterns after them, bit b jumps against the phase by
 //   delta_b = (n + 2 - b) d sin(theta)   on the grating                                           (1)  [paper.md]
-//   delta   = (w_jump / w_period) p                                                               (2)  [Chen2008, eq. 21]
-// Gray edges and phase wraps are located to a fraction of a pixel along each row on *plain* maps; rising and falling edges
-// are kept apart and averaged (the ripple of the threshold A moves them oppositely). theta > 0 puts a Gray edge at larger
-// u than its phase edge.
+//   delta   = (w_jump / w_period) p                                                               (2)  [Chen2008, eq.
+//   21]
+// Gray edges and phase wraps are located to a fraction of a pixel along each row on *plain* maps; rising and falling
+// edges are kept apart and averaged (the ripple of the threshold A moves them oppositely). theta > 0 puts a Gray edge
+// at larger u than its phase edge.
 #pragma once
 
 #include "calib/decode/decode.h"
@@ -19,17 +20,18 @@ namespace fringecal::calib {
 
 /// The grating as the alignment needs it.
 struct GratingLayout {
-  double pattern_pitch_mm = 0;        // d along the slide
+  double pattern_pitch_mm = 0;  // d along the slide
   /// Slot of each Gray bit and of each phase step along the slide, in pitches. Empty: GC0 .. GC(n-1), PS0 .. PS(N-1).
   std::vector<int> gray_slots, phase_slots;
 };
 
 struct BitMisalignment {
   int bit = 0;
-  Uncertain delta_mm;                 // eq. 2 on the grating, signed
-  double fraction_of_period = 0;      // delta / p
-  double rising_mm = 0, falling_mm = 0;  // medians over edges of each kind; NaN-free: equal to delta where a kind is absent
-  int n_edges = 0;                    // edge crossings used, all rows
+  Uncertain delta_mm;             // eq. 2 on the grating, signed
+  double fraction_of_period = 0;  // delta / p
+  double rising_mm = 0,
+         falling_mm = 0;  // medians over edges of each kind; NaN-free: equal to delta where a kind is absent
+  int n_edges = 0;        // edge crossings used, all rows
   double jump_px = 0, period_px = 0;  // the paper's figures: whole jump pixels and pixels of one period, medians
 };
 
@@ -42,9 +44,10 @@ struct Misalignment {
   std::vector<std::string> remarks;   // what the bits leave open, what was left out and why
 };
 
-/// Throws InputError where the capture cannot serve by its plan (no phase patterns, no Gray bits). No result: too few edges,
-/// too little modulation, not a flat board - with the reason.
-Result<Misalignment> measure_misalignment(const Capture& capture, const GratingLayout& layout, CodeAxis axis = CodeAxis::x);
+/// Throws InputError where the capture cannot serve by its plan (no phase patterns, no Gray bits). No result: too few
+/// edges, too little modulation, not a flat board - with the reason.
+Result<Misalignment> measure_misalignment(const Capture& capture, const GratingLayout& layout,
+                                          CodeAxis axis = CodeAxis::x);
 
 /// The profile of the paper's Fig. 5 along one row: Gray steps and absolute phase of the plain map.
 struct AlignmentProfile {

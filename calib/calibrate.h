@@ -3,12 +3,11 @@
 // Minimised is the sum of whitened squares of
 //   camera      (px, py) - pi_cam(cam_from_board X_ij)                 / u_pixel     2 per corner           (1)
 //   projector   u - u_proj(proj_from_cam cam_from_board X_ij)          / u(u)        1 per corner and axis  (2)
-// over the camera (f, c, distortion), the projector (f, u0 per coded axis, distortion), proj_from_cam and the poses, with
-// the models of calib/model. Robust loss first; corners beyond 4 standard deviations are then listed and left out, and the
-// clean problem is solved again. The covariance is (J^T J)^-1 of the clean problem, times chi2/dof where that exceeds 1.
-// A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place along the
-// fringes) gets a weak prior, which the Scanner names.
-// [Zhang2000] [Chen2008, eqs. 18-20]
+// over the camera (f, c, distortion), the projector (f, u0 per coded axis, distortion), proj_from_cam and the poses,
+// with the models of calib/model. Robust loss first; corners beyond 4 standard deviations are then listed and left out,
+// and the clean problem is solved again. The covariance is (J^T J)^-1 of the clean problem, times chi2/dof where that
+// exceeds 1. A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place
+// along the fringes) gets a weak prior, which the Scanner names. [Zhang2000] [Chen2008, eqs. 18-20]
 #pragma once
 
 #include "calib/model/board.h"

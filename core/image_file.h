@@ -1,5 +1,5 @@
-// Image files: PNG, TIFF, BMP and PGM in, PNG and 32-bit float TIFF out. Lossless grey images of 8 and 16 bit; colour is
-// refused with a sentence, not converted silently (a colour image whose channels are equal is accepted as grey).
+// Image files: PNG, TIFF, BMP and PGM in, PNG and 32-bit float TIFF out. Lossless grey images of 8 and 16 bit; colour
+// is refused with a sentence, not converted silently (a colour image whose channels are equal is accepted as grey).
 //
 // libpng and libtiff directly: OpenCV's imgcodecs pulls in GDAL and 140 shared libraries, 90 ms at every start of the
 // program.

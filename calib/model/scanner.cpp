@@ -34,7 +34,8 @@ ParameterCovariance covariance_from(Fields fields) {
   const auto* array = rows.if_array();
   if (!array || array->size() != u.names.size()) fields.complain("'covariance' must have one row per name");
   for (Eigen::Index i = 0; i < n; ++i) {
-    Fields row(Value::object().set("row", (*array)[static_cast<std::size_t>(i)]), fields.file(), "uncertainty.covariance");
+    Fields row(Value::object().set("row", (*array)[static_cast<std::size_t>(i)]), fields.file(),
+               "uncertainty.covariance");
     const auto numbers = row.numbers("row", u.names.size());
     for (Eigen::Index j = 0; j < n; ++j) u.covariance(i, j) = numbers[static_cast<std::size_t>(j)];
   }
@@ -80,7 +81,12 @@ Value to_value(const BoardObservation& o) {
   }
   for (const auto& c : o.corners) {
     Value line = Value::array();
-    line.append(c.column).append(c.row).append(c.pixel.x()).append(c.pixel.y()).append(c.u_pixel_px).append(c.used ? 1 : 0);
+    line.append(c.column)
+        .append(c.row)
+        .append(c.pixel.x())
+        .append(c.pixel.y())
+        .append(c.u_pixel_px)
+        .append(c.used ? 1 : 0);
     for (const auto& [has, coordinate] : {std::pair(has_x, c.x), std::pair(has_y, c.y)}) {
       if (!has) continue;
       // u = 0 marks "no value at this corner": a measured coordinate never has it.
@@ -166,7 +172,8 @@ Rigid3 rigid_from(Fields fields) {
 void write_scanner(const std::filesystem::path& file, const Scanner& s) {
   Value priors = Value::array(), observations = Value::array(), poses = Value::array();
   for (const auto& p : s.priors) {
-    priors.append(Value::object().set("parameter", p.parameter).set("value", p.value).set("u", p.u).set("reason", p.reason));
+    priors.append(
+        Value::object().set("parameter", p.parameter).set("value", p.value).set("u", p.u).set("reason", p.reason));
   }
   for (const auto& o : s.observations) observations.append(to_value(o));
   for (const auto& pose : s.cam_from_board) poses.append(to_value(pose));
@@ -183,7 +190,9 @@ void write_scanner(const std::filesystem::path& file, const Scanner& s) {
                   .set("priors", priors)
                   .set("uncertainty", to_value(s.uncertainty));
   if (s.board) out.set("board", model::to_value(*s.board));
-  out.set("cam_from_board", poses).set("observations", observations).set("provenance", fringecal::to_value(s.provenance));
+  out.set("cam_from_board", poses)
+      .set("observations", observations)
+      .set("provenance", fringecal::to_value(s.provenance));
   write_atomically(file, to_json(out));
 }
 
@@ -208,7 +217,8 @@ Scanner read_scanner(const std::filesystem::path& file) {
   for (auto& o : f.tables("observations")) s.observations.push_back(observation_from(o));
   s.provenance = provenance_from(f.table("provenance"));
   f.finish();
-  if (s.cam_from_board.size() != s.observations.size()) f.complain("'cam_from_board' and 'observations' must be as many");
+  if (s.cam_from_board.size() != s.observations.size())
+    f.complain("'cam_from_board' and 'observations' must be as many");
   return s;
 }
 
