@@ -48,8 +48,13 @@ Capture read_capture(const std::filesystem::path& folder);
 /// capture.json alone, without touching the frames.
 CaptureInfo read_capture_info(const std::filesystem::path& folder);
 
+/// Empty, or what is wrong with a frame that should have this size and this number of significant bits, as the rest of
+/// a sentence that begins with the frame.
+std::string defect_of_frame(const GrayImage& image, int width_px, int height_px, int bits);
+
 /// Writes the frames (PNG, fast lossless compression) and capture.json into a folder that appears only when complete.
-/// Fills in the frames' file names and hashes. Throws EnvironmentError; nothing half-written stays.
+/// Fills in the frames' file names and hashes. Throws EnvironmentError; nothing half-written stays. A capture that is
+/// already there is replaced; any other folder that is not empty is refused (InputError).
 void write_capture(const std::filesystem::path& folder, Capture& capture);
 
 }  // namespace fringecal
