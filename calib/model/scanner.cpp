@@ -142,6 +142,49 @@ std::optional<double> ParameterCovariance::u(const std::string& name) const {
   return std::sqrt(covariance(i, i));
 }
 
+Scanner Scanner::changed_by(const Eigen::VectorXd& increments) const {
+  require(increments.size() == static_cast<Eigen::Index>(uncertainty.names.size()), "one increment per parameter");
+  Scanner s = *this;
+  Eigen::Vector3d rotation = Eigen::Vector3d::Zero(), translation = Eigen::Vector3d::Zero();
+  std::map<std::string, double*> places = {
+      {"camera.fx_px", &s.camera.fx_px},
+      {"camera.fy_px", &s.camera.fy_px},
+      {"camera.cx_px", &s.camera.cx_px},
+      {"camera.cy_px", &s.camera.cy_px},
+      {"proj_from_cam.rotation_x_rad", &rotation.x()},
+      {"proj_from_cam.rotation_y_rad", &rotation.y()},
+      {"proj_from_cam.rotation_z_rad", &rotation.z()},
+      {"proj_from_cam.translation_x_mm", &translation.x()},
+      {"proj_from_cam.translation_y_mm", &translation.y()},
+      {"proj_from_cam.translation_z_mm", &translation.z()},
+  };
+  static constexpr const char* kTerms[] = {"k1", "k2", "p1", "p2", "k3"};
+  for (std::size_t k = 0; k < 5; ++k) {
+    places[std::string("camera.") + kTerms[k]] = &s.camera.distortion[k];
+    places[std::string("projector.") + kTerms[k]] = &s.projector.distortion[k];
+  }
+  if (s.projector.x) {
+    places["projector.x.f"] = &s.projector.x->f;
+    places["projector.x.u0"] = &s.projector.x->u0;
+  }
+  if (s.projector.y) {
+    places["projector.y.f"] = &s.projector.y->f;
+    places["projector.y.u0"] = &s.projector.y->u0;
+  }
+  for (std::size_t i = 0; i < uncertainty.names.size(); ++i) {
+    const auto place = places.find(uncertainty.names[i]);
+    if (place == places.end()) {
+      throw InputError(
+          fmt::format("the Scanner's covariance names '{}', which is not a parameter of the model; calibrate again",
+                      uncertainty.names[i]));
+    }
+    *place->second += increments(static_cast<Eigen::Index>(i));
+  }
+  s.proj_from_cam.rotation = (rotation_from_vector(rotation) * s.proj_from_cam.rotation).normalized();
+  s.proj_from_cam.translation_mm += translation;
+  return s;
+}
+
 Rigid3 Scanner::world_from_proj() const {
   // Rows: world X, Y, Z expressed in proj. Coded along x: X = x, Y = -y, Z = -z; along y: X = y, Y = x, Z = -z.
   Eigen::Matrix3d rotation;

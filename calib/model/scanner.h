@@ -36,8 +36,10 @@ struct BoardObservation {
   std::vector<CornerObservation> corners;
 };
 
-/// The estimated parameters, in the order of `covariance`. The rotation is a perturbation w (rad) on the left:
-/// R = exp(w) R_estimate; all other entries are increments in the unit that the name ends with.
+/// The estimated parameters, in the order of `covariance`. Names: camera.{fx_px,fy_px,cx_px,cy_px,k1,k2,p1,p2,k3},
+/// projector.{x.f,x.u0,y.f,y.u0,k1,k2,p1,p2,k3}, proj_from_cam.{rotation_x_rad,...,translation_x_mm,...}. The rotation
+/// is a perturbation w (rad) on the left: R = exp(w) R_estimate; all other entries are increments in the unit that the
+/// name ends with.
 struct ParameterCovariance {
   std::vector<std::string> names;  // "camera.fx_px", "camera.k1", "projector.x.f", "proj_from_cam.rotation_x_rad", ...
   Eigen::MatrixXd covariance;
@@ -76,6 +78,10 @@ struct Scanner {
   std::vector<BoardObservation> observations;
   std::vector<Rigid3> cam_from_board;  // estimated poses, as `observations`
   Provenance provenance;
+
+  /// This scanner with its estimated parameters changed by increments in the order of uncertainty.names (a rotation
+  /// from the left). Throws InputError on a name this program does not know.
+  Scanner changed_by(const Eigen::VectorXd& increments) const;
 
   Rigid3 world_from_proj() const;
   Rigid3 world_from_cam() const { return world_from_proj() * proj_from_cam; }
