@@ -1,5 +1,6 @@
 #include "calib/model/scanner.h"
 
+#include "core/error.h"
 #include "core/file.h"
 
 #include <fmt/format.h>
