@@ -1,5 +1,5 @@
-// A real camera-projector pair, as its owner would calibrate it: five poses of a 9 x 7 chessboard of 75 mm, ten Gray bits of
-// the projector's vertical coordinate. Reference figures: data README (converged OpenCV solutions).
+// A real camera-projector pair, as its owner would calibrate it: five poses of a 9 x 7 chessboard of 75 mm, ten Gray
+// bits of the projector's vertical coordinate. Reference figures: data README (converged OpenCV solutions).
 #include "core/value.h"
 #include "tests/support/program.h"
 
@@ -62,8 +62,8 @@ TEST_F(Procam, RadialTermsReproduceTheConvergedReference) {
   EXPECT_NEAR(number_at(scanner, {"camera", "cy_px"}), 527.11, 4.0);
   // The projector from its vertical code alone: within 1.5 % of the converged two-direction solution, 1895.7 px.
   EXPECT_NEAR(number_at(scanner, {"projector", "y", "f"}), 1895.7, 0.015 * 1895.7);
-  // 63 corners of five poses triangulated: one camera pixel of about 0.3 mm and a projector pixel of about 0.6 mm on the
-  // board at its distance, with corners good to 0.3 px each, give well under a millimetre.
+  // 63 corners of five poses triangulated: one camera pixel of about 0.3 mm and a projector pixel of about 0.6 mm on
+  // the board at its distance, with corners good to 0.3 px each, give well under a millimetre.
   const double grid_rms_mm = number_at(scanner, {"residuals", "grid_rms_mm"});
   EXPECT_GT(grid_rms_mm, 0.0);
   EXPECT_LT(grid_rms_mm, 1.0);
