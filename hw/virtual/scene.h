@@ -17,16 +17,16 @@ namespace fringecal::virt {
 struct FlatBoard {
   double width_mm = 800, height_mm = 700;
 };
-/// A calibration board; the pose places the *middle* of its corner field; z of the pose points away from the face's viewer
-/// or towards it, the face is printed on both sides. Printing errors and bow come from the instance's seed.
+/// A calibration board; the pose places the *middle* of its corner field; z of the pose points away from the face's
+/// viewer or towards it, the face is printed on both sides. Printing errors and bow come from the instance's seed.
 struct PatternBoard {
   model::Board board;
-  double u_print_mm = 0.010;       // rms of each corner's error, x and y each
-  double bow_mm = 0.15;            // height of the paraboloid at the corners of the field
-  double pitch_error_relative = 0; // true pitch = certified pitch (1 + this)
+  double u_print_mm = 0.010;        // rms of each corner's error, x and y each
+  double bow_mm = 0.15;             // height of the paraboloid at the corners of the field
+  double pitch_error_relative = 0;  // true pitch = certified pitch (1 + this)
 };
 struct Sphere {
-  double diameter_mm = 38;         // the true one
+  double diameter_mm = 38;  // the true one
 };
 /// Axis along the pose's z, the middle at its origin, closed by flat ends.
 struct Cylinder {
@@ -37,16 +37,16 @@ struct SceneObject {
   std::string name;
   std::variant<FlatBoard, PatternBoard, Sphere, Cylinder> shape;
   Rigid3 world_from_part;
-  double albedo = 1.0;             // of the white board at the grating's calibration level
-  double texture = 0.0;            // rms of a smooth albedo texture, relative
+  double albedo = 1.0;   // of the white board at the grating's calibration level
+  double texture = 0.0;  // rms of a smooth albedo texture, relative
 };
 
 struct Scene {
   std::vector<SceneObject> objects;
 };
 
-/// TOML: [[objects]] name, kind = "flat" | "board" | "sphere" | "cylinder", position_mm, rotation_deg (rotation vector),
-/// and the shape's own keys.
+/// TOML: [[objects]] name, kind = "flat" | "board" | "sphere" | "cylinder", position_mm, rotation_deg (rotation
+/// vector), and the shape's own keys.
 Scene read_scene(const std::filesystem::path& file);
 Value to_value(const Scene& scene);
 
