@@ -28,8 +28,9 @@ void commission(const Options& options) {
     throw InputError(fmt::format("--repeats {}: give 1 to 99", options.choices.repeats));
   }
   const CommissionSession session(options.output, options.choices, options.fresh);
-  virt::VirtualScanner instrument(options.choices.preset, options.choices.seed);
-  virt::InstrumentState state = instrument.initial_state(options.choices.theta_mrad);
+  virt::VirtualScanner instrument(options.choices.preset, options.choices.seed,
+                                  {.theta_mrad = options.choices.theta_mrad});
+  virt::InstrumentState state;
   Progress progress(Weights::total(options.choices.repeats));
   align_step(session, instrument, state, progress);
   calibrate_step(session, instrument, state, progress);

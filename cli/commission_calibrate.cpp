@@ -19,6 +19,7 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
   const auto begin = std::chrono::steady_clock::now();
   const model::Board board = instrument.certified_board("chessboard");
   std::vector<model::BoardObservation> observations;
+  int width_px = 0, height_px = 0;
   Value poses = Value::array();
   Provenance provenance = provenance_now();
   for (int i = 0; i < kBoardPoses; ++i) {
@@ -33,6 +34,8 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
       write_capture(session.path(name), capture);
     }
     for (const auto& frame : capture.info.frames) provenance.inputs.emplace_back(name + "/" + frame.file, frame.sha256);
+    width_px = capture.info.width_px;
+    height_px = capture.info.height_px;
     auto observation = calib::observe_board(capture, board, name);
     Value pose = Value::object().set("name", name).set("used", observation.has_value());
     if (observation) {
@@ -45,8 +48,7 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
   }
   progress.start("calibrating, solving for camera and projector");
   const auto solve = [&](const calib::CalibrationOptions& options, const std::string& file) {
-    auto scanner = calib::calibrate(observations, board, instrument.plan_width_px(), instrument.plan_height_px(),
-                                    instrument.plan(), options);
+    auto scanner = calib::calibrate(observations, board, width_px, height_px, instrument.plan(), options);
     if (!scanner)
       throw InputError(fmt::format("{}: {}", session.path("calibration").string(), scanner.error().sentence));
     scanner->name = fmt::format("virtual {} seed {}", session.choices().preset, session.choices().seed);
