@@ -69,13 +69,16 @@ Field triangulate_all(const decode::PhaseMap& map, const model::Scanner& scanner
       const Eigen::Vector2d pixel(x, y);
       const auto ray = scanner.camera.ray(pixel);
       if (!ray) continue;
-      std::optional<Eigen::Vector3d> point;
-      if (!closed_form) {
-        point = model::triangulate_ray(scanner.projector, scanner.proj_from_cam, map.axis, *ray, map.u_at(x, y));
-      } else if (std::isfinite(phi_ref(x, y))) {
-        point = paper.point_mm(pixel, map.phase_rad(x, y), phi_ref(x, y), kind == ReconstructionModel::chen2008);
-        if (point) point = cam_from_world * *point;
-      }
+      const auto point = [&]() -> std::optional<Eigen::Vector3d> {
+        if (!closed_form) {
+          return model::triangulate_ray(scanner.projector, scanner.proj_from_cam, map.axis, *ray, map.u_at(x, y));
+        }
+        if (!std::isfinite(phi_ref(x, y))) return std::nullopt;
+        const bool distorted = kind == ReconstructionModel::chen2008;
+        const auto in_world = paper.point_mm(pixel, map.phase_rad(x, y), phi_ref(x, y), distorted);
+        if (!in_world) return std::nullopt;
+        return cam_from_world * *in_world;
+      }();
       if (!point) continue;
       // Eq. 1 by a central difference of 0.02 mm: its error, the third derivative, is below 1e-9 of du/dl.
       const Eigen::Vector3d direction = scanner.proj_from_cam.rotation * ray->normalized();
