@@ -43,7 +43,8 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "fringecal: not enough memory for this input; close other programs or use a smaller one\n");
     return 3;
   } catch (const std::exception& e) {
-    std::fprintf(stderr, "fringecal: a defect of the program: %s; please report it with the command you ran\n", e.what());
+    std::fprintf(stderr, "fringecal: a defect of the program: %s; please report it with the command you ran\n",
+                 e.what());
     return 1;
   }
 }

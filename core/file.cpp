@@ -23,7 +23,8 @@ namespace {
 std::string reason() { return std::strerror(errno); }
 
 [[noreturn]] void fail_writing(const fs::path& file, const std::string& why) {
-  throw EnvironmentError(fmt::format("{}: cannot be written ({}); free space or choose another folder", file.string(), why));
+  throw EnvironmentError(
+      fmt::format("{}: cannot be written ({}); free space or choose another folder", file.string(), why));
 }
 
 void sync_folder(const fs::path& folder) {
@@ -45,7 +46,8 @@ void make_folder(const fs::path& folder) {
 
 std::string read_bytes(const fs::path& file) {
   std::error_code error;
-  if (!fs::exists(file, error)) throw InputError(fmt::format("{}: there is no such file; check the path", file.string()));
+  if (!fs::exists(file, error))
+    throw InputError(fmt::format("{}: there is no such file; check the path", file.string()));
   if (fs::is_directory(file, error)) {
     throw InputError(fmt::format("{}: this is a folder; a file is needed here", file.string()));
   }

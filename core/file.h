@@ -10,8 +10,8 @@ namespace fringecal {
 /// The bytes of a file. Throws InputError if it is missing, a folder, or unreadable.
 std::string read_bytes(const std::filesystem::path& file);
 
-/// Writes to a temporary name in the same folder, syncs, renames. Creates the folder. After a crash there is the old file
-/// or the new one. Throws EnvironmentError (disk full, no permission, read-only) and removes the temporary file.
+/// Writes to a temporary name in the same folder, syncs, renames. Creates the folder. After a crash there is the old
+/// file or the new one. Throws EnvironmentError (disk full, no permission, read-only) and removes the temporary file.
 void write_atomically(const std::filesystem::path& file, std::string_view bytes);
 
 /// Lower-case hexadecimal SHA-256 (FIPS 180-4).

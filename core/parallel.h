@@ -9,7 +9,8 @@ namespace fringecal {
 /// Threads to use: FRINGECAL_THREADS if set, else the hardware's.
 int thread_count();
 
-/// Calls work(i) for i in [0, count), on up to thread_count() threads. The first exception is rethrown after all stopped.
+/// Calls work(i) for i in [0, count), on up to thread_count() threads. The first exception is rethrown after all
+/// stopped.
 void parallel_for(int count, const std::function<void(int)>& work);
 
 }  // namespace fringecal

@@ -6,8 +6,8 @@
 //     I_k = A + B cos(phi - 2 pi k / N)                                                     [Chen2008, eq. 3]
 //     phi = 2 pi m + phi'                                                                   [Chen2008, eq. 4]
 // A Gray code of n bits numbers 2^n stripes of width p / stripes_per_period; bit 0 is the coarsest; the code is binary
-// reflected. stripes_per_period is 2 where the phase patterns are the (n+1)-th Gray bit shifted (the paper's grating), 1
-// where each stripe has its own period. A plan without phase patterns gives phase to the middle of a stripe only.
+// reflected. stripes_per_period is 2 where the phase patterns are the (n+1)-th Gray bit shifted (the paper's grating),
+// 1 where each stripe has its own period. A plan without phase patterns gives phase to the middle of a stripe only.
 #pragma once
 
 #include "core/fields.h"
@@ -34,16 +34,17 @@ struct Pattern {
   friend bool operator==(const Pattern&, const Pattern&) = default;
 };
 
-/// "gray 3", "gray 3 inverted", "phase 2", "white", "black" - the words of plan files and messages ("y gray 3" on axis y).
+/// "gray 3", "gray 3 inverted", "phase 2", "white", "black" - the words of plan files and messages ("y gray 3" on axis
+/// y).
 std::string describe(const Pattern& pattern);
 
 /// The code along one axis.
 struct FringeCode {
-  int gray_bits = 0;            // n
-  int phase_steps = 0;          // N, 0 where there are no phase patterns
-  int stripes_per_period = 2;   // 1 or 2
-  double period = 1.0;          // p, in `unit`
-  std::string unit = "mm";      // "mm" on the grating, or "px" on a display
+  int gray_bits = 0;           // n
+  int phase_steps = 0;         // N, 0 where there are no phase patterns
+  int stripes_per_period = 2;  // 1 or 2
+  double period = 1.0;         // p, in `unit`
+  std::string unit = "mm";     // "mm" on the grating, or "px" on a display
 
   double stripe_width() const { return period / stripes_per_period; }
   int stripes() const { return 1 << gray_bits; }
@@ -56,8 +57,8 @@ struct FringeCode {
 };
 
 struct PatternPlan {
-  std::vector<Pattern> patterns;       // in frame order
-  std::optional<FringeCode> x, y;      // the code along each axis that is coded
+  std::vector<Pattern> patterns;   // in frame order
+  std::optional<FringeCode> x, y;  // the code along each axis that is coded
 
   const std::optional<FringeCode>& code(CodeAxis axis) const { return axis == CodeAxis::x ? x : y; }
   /// Frame of a pattern, if the plan has it.

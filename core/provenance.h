@@ -13,8 +13,8 @@ extern const char* const kProgramVersion;
 struct Provenance {
   std::string program = "fringecal";
   std::string version;
-  std::string date;                                           // RFC 3339 UTC
-  std::vector<std::pair<std::string, std::string>> inputs;    // name, SHA-256
+  std::string date;                                         // RFC 3339 UTC
+  std::vector<std::pair<std::string, std::string>> inputs;  // name, SHA-256
 };
 
 /// Version and date of now, no inputs yet.

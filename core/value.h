@@ -1,8 +1,8 @@
 // Value: a document tree, the same for JSON and TOML. The readers and writers of all our files stand on it, so that no
 // parser's type leaves core/value.cpp.
 //
-// Numbers keep their kind (integer or real). Reals are written with the fewest digits that read back to the same double;
-// keys keep the order in which they were set, so the same content gives the same bytes.
+// Numbers keep their kind (integer or real). Reals are written with the fewest digits that read back to the same
+// double; keys keep the order in which they were set, so the same content gives the same bytes.
 #pragma once
 
 #include <cstdint>

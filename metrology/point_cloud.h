@@ -12,8 +12,8 @@ namespace fringecal::metrology {
 struct CloudPoint {
   Eigen::Vector3d position_mm = Eigen::Vector3d::Zero();
   Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // unit, towards the camera; zero vector where it was not sensible
-  double u_along_ray_mm = 0;        // standard uncertainty along the camera's ray, from the phase noise of this pixel alone
-  float modulation = 0;             // grey levels: the quality figure that does not depend on the model
+  double u_along_ray_mm = 0;  // standard uncertainty along the camera's ray, from the phase noise of this pixel alone
+  float modulation = 0;       // grey levels: the quality figure that does not depend on the model
   std::uint16_t pixel_x = 0, pixel_y = 0;
 };
 

@@ -1,9 +1,10 @@
 // From a phase map and a Scanner file to points: the full ray model, and the paper's closed form beside it.
 //
-// full      The camera pixel gives a ray x(l) = l r in cam (camera.h); the phase gives u (pattern_plan.h); the point is where
-//           the projector model (projector.h, eq. 1) says u. One unknown l, solved by Newton from the undistorted plane of
-//           light; r, u and the projector's distortion are taken at the point itself, nothing is approximated.
-//           u(l) = |du/dl|^-1 (p / 2 pi) u(phi).
+// full      The camera pixel gives a ray x(l) = l r in cam (camera.h); the phase gives u (pattern_plan.h); the point is
+// where
+//           the projector model (projector.h, eq. 1) says u. One unknown l, solved by Newton from the undistorted plane
+//           of light; r, u and the projector's distortion are taken at the point itself, nothing is approximated. u(l)
+//           = |du/dl|^-1 (p / 2 pi) u(phi).
 // chen2008  Eqs. 1 to 17 of the paper with eqs. 18 to 20 for both lenses (calib/model/chen2008.h).
 // ideal     Eqs. 1 to 17 alone: no lens distortion. For comparison only.
 #pragma once
@@ -19,7 +20,7 @@ enum class ReconstructionModel { full, chen2008, ideal };
 struct ReconstructOptions {
   ReconstructionModel model = ReconstructionModel::full;
   double max_u_along_ray_mm = 1.0;  // a pixel noisier than this along its ray is left out
-  int edge_margin_px = 2;           // pixels this near to an invalid one are left out: blur mixes foreground and background
+  int edge_margin_px = 2;  // pixels this near to an invalid one are left out: blur mixes foreground and background
   bool normals = true;
 };
 

@@ -20,9 +20,9 @@ struct Board {
   BoardKind kind = BoardKind::chessboard;
   int columns = 0, rows = 0;
   double pitch_x_mm = 0, pitch_y_mm = 0;
-  double u_print_mm = 0;            // standard uncertainty of one corner's place on the board (x and y each, independent)
-  double u_pitch_relative = 0;      // standard uncertainty of the scale: u(pitch) / pitch
-  std::string certificate;          // number, laboratory, date; free text, empty where there is none
+  double u_print_mm = 0;        // standard uncertainty of one corner's place on the board (x and y each, independent)
+  double u_pitch_relative = 0;  // standard uncertainty of the scale: u(pitch) / pitch
+  std::string certificate;      // number, laboratory, date; free text, empty where there is none
 
   int corners() const { return columns * rows; }
   Eigen::Vector3d corner_mm(int column, int row) const;

@@ -5,8 +5,8 @@
 namespace fringecal::model {
 
 std::optional<Eigen::Vector2d> undistort(const Distortion& k, const Eigen::Vector2d& distorted) {
-  // Newton in two unknowns. The Jacobian of eqs. 2, 3 is written out; it is positive definite wherever the lens model is
-  // one-to-one, so a determinant that is not positive means that the polynomial has turned over.
+  // Newton in two unknowns. The Jacobian of eqs. 2, 3 is written out; it is positive definite wherever the lens model
+  // is one-to-one, so a determinant that is not positive means that the polynomial has turned over.
   double x = distorted.x(), y = distorted.y();
   for (int iteration = 0; iteration < 30; ++iteration) {
     const double r2 = x * x + y * y;

@@ -6,10 +6,9 @@
 //   xd  = x s + 2 p1 x y + p2 (r^2 + 2 x^2)                                               (2)
 //   yd  = y s + p1 (r^2 + 2 y^2) + 2 p2 x y                                               (3)
 //   px  = fx xd + cx,  py = fy yd + cy                                                    (4)
-// These are OpenCV's plumb_bob (and, with k3 = 0, mrcal's LENSMODEL_OPENCV4) to the letter; pixel (0, 0) is the centre of
-// the top-left pixel. The paper's eq. 18 writes the inverse direction: it corrects a *measured* pixel by
-// kc1 r^2 + kc2 r^4 with r in mm on the sensor; see chen2008.h for the conversion.
-// [Brown1966] [OpenCV] [Chen2008, eq. 18]
+// These are OpenCV's plumb_bob (and, with k3 = 0, mrcal's LENSMODEL_OPENCV4) to the letter; pixel (0, 0) is the centre
+// of the top-left pixel. The paper's eq. 18 writes the inverse direction: it corrects a *measured* pixel by kc1 r^2 +
+// kc2 r^4 with r in mm on the sensor; see chen2008.h for the conversion. [Brown1966] [OpenCV] [Chen2008, eq. 18]
 #pragma once
 
 #include "core/fields.h"
@@ -30,13 +29,13 @@ using Distortion = std::array<double, 5>;
 template <class T>
 inline void distort(const T* k, const T& x, const T& y, T& xd, T& yd) {
   const T r2 = x * x + y * y;
-  const T s = T(1.0) + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));  // eq. 1
+  const T s = T(1.0) + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));         // eq. 1
   xd = x * s + T(2.0) * k[2] * x * y + k[3] * (r2 + T(2.0) * x * x);  // eq. 2
   yd = y * s + k[2] * (r2 + T(2.0) * y * y) + T(2.0) * k[3] * x * y;  // eq. 3
 }
 
-/// Inverts eqs. 1 to 3 by Newton's method from the distorted point. Empty where the model has no inverse there (the radial
-/// polynomial has turned over) or Newton does not reach 1e-14.
+/// Inverts eqs. 1 to 3 by Newton's method from the distorted point. Empty where the model has no inverse there (the
+/// radial polynomial has turned over) or Newton does not reach 1e-14.
 std::optional<Eigen::Vector2d> undistort(const Distortion& k, const Eigen::Vector2d& distorted);
 
 struct Camera {

@@ -3,14 +3,14 @@
 // Frame `proj`: origin in the entrance pupil, z along the projection, x and y the pattern's axes; mm. A scene point
 // (X, Y, Z) in proj, Z > 0, is lit by the place of the pattern with
 //   u = f_x xd + u0_x   on a pattern coded along x,     v = f_y yd + u0_y   coded along y          (1)
-// where (xd, yd) follow from (X/Z, Y/Z) by eqs. 1 to 3 of camera.h: distortion acts *from the scene to the pattern*, as in
-// a camera. The paper's eqs. 19, 20 act the other way (from the pattern to the reference plane), so their kp1, kp2 have
-// the other sign to first order; see chen2008.h. u counts from the edge of the first stripe (core/pattern_plan.h), in the
-// code's unit; on a display, u = 0.5 px is the centre of the first pixel.
+// where (xd, yd) follow from (X/Z, Y/Z) by eqs. 1 to 3 of camera.h: distortion acts *from the scene to the pattern*, as
+// in a camera. The paper's eqs. 19, 20 act the other way (from the pattern to the reference plane), so their kp1, kp2
+// have the other sign to first order; see chen2008.h. u counts from the edge of the first stripe (core/pattern_plan.h),
+// in the code's unit; on a display, u = 0.5 px is the centre of the first pixel.
 //
-// With one code axis only, (1) is a one-dimensional camera: f, u0, the attitude, and the position in the plane across the
-// fringes are determined; the position *along* the fringes enters only through the lens distortion.
-// [Chen2008, eqs. 19, 20] [Zhang2006]
+// With one code axis only, (1) is a one-dimensional camera: f, u0, the attitude, and the position in the plane across
+// the fringes are determined; the position *along* the fringes enters only through the lens distortion. [Chen2008, eqs.
+// 19, 20] [Zhang2006]
 #pragma once
 
 #include "calib/model/camera.h"
@@ -20,8 +20,8 @@ namespace fringecal::model {
 
 struct ProjectorAxis {
   FringeCode code;
-  double f = 0;    // focal length in the code's unit
-  double u0 = 0;   // where the optical axis meets the pattern, in the code's unit
+  double f = 0;   // focal length in the code's unit
+  double u0 = 0;  // where the optical axis meets the pattern, in the code's unit
 };
 
 struct Projector {

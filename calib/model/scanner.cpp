@@ -1,5 +1,6 @@
 #include "calib/model/scanner.h"
 
+#include "core/error.h"
 #include "core/file.h"
 
 #include <fmt/format.h>
@@ -34,7 +35,8 @@ ParameterCovariance covariance_from(Fields fields) {
   const auto* array = rows.if_array();
   if (!array || array->size() != u.names.size()) fields.complain("'covariance' must have one row per name");
   for (Eigen::Index i = 0; i < n; ++i) {
-    Fields row(Value::object().set("row", (*array)[static_cast<std::size_t>(i)]), fields.file(), "uncertainty.covariance");
+    Fields row(Value::object().set("row", (*array)[static_cast<std::size_t>(i)]), fields.file(),
+               "uncertainty.covariance");
     const auto numbers = row.numbers("row", u.names.size());
     for (Eigen::Index j = 0; j < n; ++j) u.covariance(i, j) = numbers[static_cast<std::size_t>(j)];
   }
@@ -80,7 +82,12 @@ Value to_value(const BoardObservation& o) {
   }
   for (const auto& c : o.corners) {
     Value line = Value::array();
-    line.append(c.column).append(c.row).append(c.pixel.x()).append(c.pixel.y()).append(c.u_pixel_px).append(c.used ? 1 : 0);
+    line.append(c.column)
+        .append(c.row)
+        .append(c.pixel.x())
+        .append(c.pixel.y())
+        .append(c.u_pixel_px)
+        .append(c.used ? 1 : 0);
     for (const auto& [has, coordinate] : {std::pair(has_x, c.x), std::pair(has_y, c.y)}) {
       if (!has) continue;
       // u = 0 marks "no value at this corner": a measured coordinate never has it.
@@ -127,6 +134,37 @@ Provenance provenance_from(Fields f) {
   return p;
 }
 
+/// Where each named parameter lives. The rotation's three stand in `rotation`, as a rotation vector.
+std::map<std::string, double*> parameter_places(Scanner& s, Eigen::Vector3d& rotation) {
+  Eigen::Vector3d& translation = s.proj_from_cam.translation_mm;
+  std::map<std::string, double*> places = {
+      {"camera.fx_px", &s.camera.fx_px},
+      {"camera.fy_px", &s.camera.fy_px},
+      {"camera.cx_px", &s.camera.cx_px},
+      {"camera.cy_px", &s.camera.cy_px},
+      {"proj_from_cam.rotation_x_rad", &rotation.x()},
+      {"proj_from_cam.rotation_y_rad", &rotation.y()},
+      {"proj_from_cam.rotation_z_rad", &rotation.z()},
+      {"proj_from_cam.translation_x_mm", &translation.x()},
+      {"proj_from_cam.translation_y_mm", &translation.y()},
+      {"proj_from_cam.translation_z_mm", &translation.z()},
+  };
+  static constexpr const char* kTerms[] = {"k1", "k2", "p1", "p2", "k3"};
+  for (std::size_t k = 0; k < 5; ++k) {
+    places[std::string("camera.") + kTerms[k]] = &s.camera.distortion[k];
+    places[std::string("projector.") + kTerms[k]] = &s.projector.distortion[k];
+  }
+  if (s.projector.x) {
+    places["projector.x.f"] = &s.projector.x->f;
+    places["projector.x.u0"] = &s.projector.x->u0;
+  }
+  if (s.projector.y) {
+    places["projector.y.f"] = &s.projector.y->f;
+    places["projector.y.u0"] = &s.projector.y->u0;
+  }
+  return places;
+}
+
 }  // namespace
 
 std::optional<double> ParameterCovariance::u(const std::string& name) const {
@@ -134,6 +172,33 @@ std::optional<double> ParameterCovariance::u(const std::string& name) const {
   if (it == names.end()) return std::nullopt;
   const auto i = static_cast<Eigen::Index>(it - names.begin());
   return std::sqrt(covariance(i, i));
+}
+
+double Scanner::value_of(const std::string& name) const {
+  Scanner s = *this;
+  Eigen::Vector3d rotation = vector_from_rotation(proj_from_cam.rotation);
+  const auto places = parameter_places(s, rotation);
+  const auto place = places.find(name);
+  require(place != places.end(), "a parameter is asked for by a name of the model");
+  return *place->second;
+}
+
+Scanner Scanner::changed_by(const Eigen::VectorXd& increments) const {
+  require(increments.size() == static_cast<Eigen::Index>(uncertainty.names.size()), "one increment per parameter");
+  Scanner s = *this;
+  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();
+  const auto places = parameter_places(s, rotation);
+  for (std::size_t i = 0; i < uncertainty.names.size(); ++i) {
+    const auto place = places.find(uncertainty.names[i]);
+    if (place == places.end()) {
+      throw InputError(
+          fmt::format("the Scanner's covariance names '{}', which is not a parameter of the model; calibrate again",
+                      uncertainty.names[i]));
+    }
+    *place->second += increments(static_cast<Eigen::Index>(i));
+  }
+  s.proj_from_cam.rotation = (rotation_from_vector(rotation) * s.proj_from_cam.rotation).normalized();
+  return s;
 }
 
 Rigid3 Scanner::world_from_proj() const {
@@ -166,7 +231,8 @@ Rigid3 rigid_from(Fields fields) {
 void write_scanner(const std::filesystem::path& file, const Scanner& s) {
   Value priors = Value::array(), observations = Value::array(), poses = Value::array();
   for (const auto& p : s.priors) {
-    priors.append(Value::object().set("parameter", p.parameter).set("value", p.value).set("u", p.u).set("reason", p.reason));
+    priors.append(
+        Value::object().set("parameter", p.parameter).set("value", p.value).set("u", p.u).set("reason", p.reason));
   }
   for (const auto& o : s.observations) observations.append(to_value(o));
   for (const auto& pose : s.cam_from_board) poses.append(to_value(pose));
@@ -183,7 +249,9 @@ void write_scanner(const std::filesystem::path& file, const Scanner& s) {
                   .set("priors", priors)
                   .set("uncertainty", to_value(s.uncertainty));
   if (s.board) out.set("board", model::to_value(*s.board));
-  out.set("cam_from_board", poses).set("observations", observations).set("provenance", fringecal::to_value(s.provenance));
+  out.set("cam_from_board", poses)
+      .set("observations", observations)
+      .set("provenance", fringecal::to_value(s.provenance));
   write_atomically(file, to_json(out));
 }
 
@@ -208,7 +276,8 @@ Scanner read_scanner(const std::filesystem::path& file) {
   for (auto& o : f.tables("observations")) s.observations.push_back(observation_from(o));
   s.provenance = provenance_from(f.table("provenance"));
   f.finish();
-  if (s.cam_from_board.size() != s.observations.size()) f.complain("'cam_from_board' and 'observations' must be as many");
+  if (s.cam_from_board.size() != s.observations.size())
+    f.complain("'cam_from_board' and 'observations' must be as many");
   return s;
 }
 

@@ -1,0 +1,99 @@
+#include "cli/commission_session.h"
+
+#include "core/error.h"
+#include "core/fields.h"
+#include "core/file.h"
+#include "core/provenance.h"
+
+#include <fmt/format.h>
+
+#include <system_error>
+
+namespace fringecal::cli {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr const char* kFile = "commission.json";
+constexpr const char* kSchema = "fringecal.commission";
+
+Value to_value(const CommissionChoices& c) {
+  Value out = Value::object()
+                  .set("schema", kSchema)
+                  .set("schema_version", 1)
+                  .set("preset", c.preset)
+                  .set("seed", std::to_string(c.seed))
+                  .set("repeats", c.repeats)
+                  .set("program_version", kProgramVersion);
+  if (c.theta_mrad) out.set("theta_mrad", *c.theta_mrad);
+  return out;
+}
+
+void refuse_other_choices(const fs::path& file, const CommissionChoices& now) {
+  Fields f(read_json(file), file.string());
+  f.expect_schema(kSchema, 1);
+  const std::string preset = f.text("preset"), seed = f.text("seed"), version = f.text("program_version");
+  const int repeats = f.integer("repeats");
+  const auto theta = f.optional_number("theta_mrad");
+  f.finish();
+  const auto differs = [&](const std::string& what, const std::string& then, const std::string& today) {
+    if (then == today) return;
+    throw InputError(
+        fmt::format("{}: this commissioning was begun with {} {}, not {}; repeat that choice, give another "
+                    "--output, or start over with --fresh",
+                    file.string(), what, then, today));
+  };
+  const auto word = [](const std::optional<double>& t) { return t ? fmt::format("{} mrad", *t) : "of the preset"; };
+  differs("preset", preset, now.preset);
+  differs("seed", seed, std::to_string(now.seed));
+  differs("repeats", std::to_string(repeats), std::to_string(now.repeats));
+  differs("theta", word(theta), word(now.theta_mrad));
+  differs("program version", version, kProgramVersion);
+}
+
+}  // namespace
+
+CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& choices, bool fresh)
+    : folder_(std::move(folder)), choices_(choices) {
+  const fs::path file = folder_ / kFile;
+  std::error_code error;
+  if (fs::exists(folder_, error) && !fs::is_directory(folder_, error)) {
+    throw InputError(fmt::format("{}: this is a file; give a folder as --output", folder_.string()));
+  }
+  const bool begun = fs::exists(file, error);
+  if (!begun && fs::exists(folder_, error) && !fs::is_empty(folder_, error)) {
+    throw InputError(fmt::format("{}: this folder is not empty and holds no commissioning; give another --output",
+                                 folder_.string()));
+  }
+  if (begun && fresh) {
+    for (const char* part : {"alignment", "calibration", "verification", "report.html", "report.json", "scanner.json",
+                             "scanner_ideal.json", "truth.json"}) {
+      fs::remove_all(folder_ / part, error);
+      if (error) {
+        throw EnvironmentError(
+            fmt::format("{}: cannot be removed ({}); remove it by hand", (folder_ / part).string(), error.message()));
+      }
+    }
+  } else if (begun) {
+    refuse_other_choices(file, choices_);
+    return;
+  }
+  write_atomically(file, to_json(to_value(choices_)));
+}
+
+bool CommissionSession::has(const std::string& name) const {
+  std::error_code error;
+  return fs::exists(path(name), error);
+}
+
+void CommissionSession::store(const std::string& name, const Value& value) const {
+  write_atomically(path(name), to_json(value));
+}
+
+Value CommissionSession::load(const std::string& name) const { return read_json(path(name)); }
+
+std::uint64_t CommissionSession::stack_seed(const std::string& item) const {
+  const std::string hash = sha256_hex(fmt::format("{}/{}", choices_.seed, item));
+  return std::stoull(hash.substr(0, 16), nullptr, 16);
+}
+
+}  // namespace fringecal::cli

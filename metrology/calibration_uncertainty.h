@@ -1,0 +1,32 @@
+// What the calibration's uncertainty does to a quantity computed from points (a diameter, a distance, a flatness).
+//
+// The calibration is one shared error of all points: it does not average out, and must not be treated as noise of each
+// point. With y(theta) the quantity as a function of the Scanner's parameters and C their covariance,
+//   u_cal^2(y) = g^T C g,   g_i = [y(theta + s_i e_i) - y(theta - s_i e_i)] / (2 s_i),  s_i = u(theta_i)      (1)
+//   [GUM, 5.2.2]
+// where every point keeps what was measured (its pixel and its projector coordinate) and is triangulated anew through
+// the changed scanner. Central differences at one standard uncertainty: the curvature over that range is what the
+// first-order GUM formula neglects anyway. Points in `world`, mm. Where the Scanner has no covariance, or y cannot be
+// computed for a changed scanner: no result.
+#pragma once
+
+#include "calib/model/scanner.h"
+#include "core/result.h"
+
+#include <functional>
+#include <span>
+
+namespace fringecal::metrology {
+
+using Quantity = std::function<Result<double>(std::span<const Eigen::Vector3d> points_mm)>;
+
+/// The points as a scanner with changed parameters would have given them from the same pixels and phases. Points that
+/// the changed model cannot reach are left out.
+std::vector<Eigen::Vector3d> retriangulate(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,
+                                           const model::Scanner& changed);
+
+/// Eq. 1, in the unit of the quantity.
+Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,
+                                  const Quantity& quantity);
+
+}  // namespace fringecal::metrology

@@ -1,0 +1,84 @@
+// A real camera-projector pair, as its owner would calibrate it: five poses of a 9 x 7 chessboard of 75 mm, ten Gray
+// bits of the projector's vertical coordinate. Reference figures: data README (converged OpenCV solutions).
+#include "core/value.h"
+#include "tests/support/program.h"
+
+#include <gtest/gtest.h>
+
+#include <filesystem>
+
+namespace fringecal::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+double number_at(const Value& tree, std::initializer_list<const char*> path) {
+  const Value* v = &tree;
+  for (const char* key : path) {
+    v = v->find(key);
+    if (!v) throw std::runtime_error(std::string("no key ") + key);
+  }
+  return v->if_real() ? *v->if_real() : static_cast<double>(*v->if_integer());
+}
+
+class Procam : public testing::Test {
+ protected:
+  // Imports the poses once and calibrates once per set of terms; every case looks at its own solution.
+  static Value calibrated(const std::string& camera_terms) {
+    const fs::path data = fs::path(FRINGECAL_SHARED_DATA) / "procam-gray";
+    const ScratchFolder scratch;
+    std::vector<std::string> command = {"calibrate"};
+    for (int pose = 0; pose < 5; ++pose) {
+      const std::string name = "pose_" + std::to_string(pose);
+      const auto imported = run_fringecal({"import", (data / name).string(), "--plan",
+                                           std::string(FRINGECAL_SOURCE_DIR) + "/tests/e2e/procam_gray.toml", "-o",
+                                           (scratch / name).string()});
+      EXPECT_EQ(imported.exit_code, 0) << imported.errors;
+      command.push_back((scratch / name).string());
+    }
+    for (const std::string& word :
+         {std::string("--board"), std::string(FRINGECAL_SOURCE_DIR) + "/tests/e2e/procam_board.toml", std::string("-o"),
+          (scratch / "scanner.json").string(), std::string("--camera-terms"), camera_terms}) {
+      command.push_back(word);
+    }
+    const auto result = run_fringecal(command);
+    EXPECT_EQ(result.exit_code, 0) << result.errors;
+    return read_json(scratch / "scanner.json");
+  }
+  void SetUp() override {
+    if (!fs::exists(fs::path(FRINGECAL_SHARED_DATA) / "procam-gray")) {
+      GTEST_SKIP() << "shared data not present: procam-gray";
+    }
+  }
+};
+
+TEST_F(Procam, RadialTermsReproduceTheConvergedReference) {
+  const Value scanner = calibrated("radial");
+  // The target: focal lengths within 0.2 %, principal point within 4 px of the reference with the same terms
+  // (camera alone, k1 and k2: f = 3453.80 / 3452.51, c = 611.02 / 527.11).
+  EXPECT_NEAR(number_at(scanner, {"camera", "fx_px"}), 3453.80, 0.002 * 3453.80);
+  EXPECT_NEAR(number_at(scanner, {"camera", "fy_px"}), 3452.51, 0.002 * 3452.51);
+  EXPECT_NEAR(number_at(scanner, {"camera", "cx_px"}), 611.02, 4.0);
+  EXPECT_NEAR(number_at(scanner, {"camera", "cy_px"}), 527.11, 4.0);
+  // The projector from its vertical code alone: within 1.5 % of the converged two-direction solution, 1895.7 px.
+  EXPECT_NEAR(number_at(scanner, {"projector", "y", "f"}), 1895.7, 0.015 * 1895.7);
+  // 63 corners of five poses triangulated: one camera pixel of about 0.3 mm and a projector pixel of about 0.6 mm on
+  // the board at its distance, with corners good to 0.3 px each, give well under a millimetre.
+  const double grid_rms_mm = number_at(scanner, {"residuals", "grid_rms_mm"});
+  EXPECT_GT(grid_rms_mm, 0.0);
+  EXPECT_LT(grid_rms_mm, 1.0);
+  EXPECT_EQ(number_at(scanner, {"residuals", "poses"}), 5);
+}
+
+TEST_F(Procam, FiveTermsReproduceTheConvergedReference) {
+  const Value scanner = calibrated("full");
+  // OpenCV's five coefficients, converged: f = 3452.39 / 3449.93, c = 587.17 / 521.45.
+  EXPECT_NEAR(number_at(scanner, {"camera", "fx_px"}), 3452.39, 0.002 * 3452.39);
+  EXPECT_NEAR(number_at(scanner, {"camera", "fy_px"}), 3449.93, 0.002 * 3449.93);
+  EXPECT_NEAR(number_at(scanner, {"camera", "cx_px"}), 587.17, 4.0);
+  EXPECT_NEAR(number_at(scanner, {"camera", "cy_px"}), 521.45, 4.0);
+  EXPECT_NEAR(number_at(scanner, {"projector", "y", "f"}), 1895.7, 0.015 * 1895.7);
+}
+
+}  // namespace
+}  // namespace fringecal::test
