@@ -141,6 +141,7 @@ class Decoder {
         } else {
           fringe = fringe_of_whole_stripe(b.bits, x, bits, wrapped);
         }
+        if (redundant && undecided_far_from_edges(b.bits, x, bits, sigma)) fringe.consistent = false;
         if (!fringe.consistent) validity = Validity::inconsistent_code;
       }
       const std::size_t i = row + x;
@@ -156,6 +157,7 @@ class Decoder {
 
   void finish_with_stripes(int y, const Buffers& b) const {
     const std::size_t row = map_.validity.index(0, y), bits = frames_.gray.size(), width = b.bits.width;
+    const bool redundant = map_.edges == EdgeRule::redundant;
     const auto u_stripe = static_cast<float>(2 * std::numbers::pi / frames_.code.stripes_per_period / std::sqrt(12.0));
     for (std::size_t x = 0; x < width; ++x) {
       float modulation = 0, mean = 0;
@@ -176,6 +178,8 @@ class Decoder {
         validity = Validity::shadow;
       } else if (!(modulation >= limits_.modulation)) {
         validity = Validity::low_modulation;
+      } else if (redundant && undecided_far_from_edges(b.bits, x, static_cast<int>(bits), sigma)) {
+        validity = Validity::inconsistent_code;
       }
       const std::size_t i = row + x;
       const bool valid = validity == Validity::valid;

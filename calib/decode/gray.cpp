@@ -41,10 +41,23 @@ FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, 
   if (std::abs(wrapped) <= std::numbers::pi_v<float> / 2) {
     return {.m = s, .consistent = std::min(below, above) >= kSurelyAtThreshold * strongest};  // (6)
   }
+  if (std::abs(wrapped) <= 3 * std::numbers::pi_v<float> / 4) return {.m = s, .consistent = true};
   const bool upper_half = wrapped > 0;
   const float own = upper_half ? above : below, neighbour = upper_half ? below : above;
   const bool take_neighbour = neighbour < own && neighbour < kNearThreshold * strongest;  // (5)
   return {.m = take_neighbour ? (upper_half ? s - 1 : s + 1) : s, .consistent = true};
+}
+
+bool undecided_far_from_edges(const BitRow& row, std::size_t x, int bits, float sigma) {
+  const float* t = row.t.data() + x;
+  for (int b = 0; b < bits; ++b, t += row.width) {
+    if (!(std::abs(*t) <= sigma)) continue;
+    const std::int32_t s = row.stripe[x];
+    bool toggles = false;
+    for (std::int32_t edge = s - 1; edge <= s + 2; ++edge) toggles = toggles || toggling_bit(edge, bits) == b;
+    if (!toggles) return true;
+  }
+  return false;
 }
 
 }  // namespace fringecal::decode

@@ -16,14 +16,18 @@
 //
 // Redundant, one stripe per period. Every period edge is a Gray edge. Where phi' > 0 the pixel is in the upper half of
 // its period: m = s, or s - 1 if the edge s - 1 | s came too early. If so, the bit that toggles there has only just
-// crossed its threshold: |t| is small, while at the true upper end of s that edge is more than half a period away and
-// |t| is full. Mirrored for phi' < 0 with s + 1. So: in the outer half of a period (|phi'| > pi / 2) the neighbour is
-// taken if the bit toggling on *its* side is nearer to its threshold than the one on the pixel's own side and nearer
-// than kNearThreshold of the pixel's strongest bit. (5) The second condition keeps noise from deciding between two
-// saturated bits: with t_full = 1.27 B (the square wave whose fundamental is B) a false switch needs a deviation of 0.6
-// t_full / (sqrt(1.16) sigma) = 0.7 B / sigma, 2.8 standard deviations at B = 4 sigma and 5.7 at 8. In the inner half
-// no bit may be near its threshold: less than kSurelyAtThreshold of the strongest there means an edge more than p / 4
-// out of place, inconsistent.                                (6)
+// crossed its threshold: |t| is small, while at the true upper end of s that edge is most of a period away and |t| is
+// full. Mirrored for phi' < 0 with s + 1. So: within p / 8 of a period edge (|phi'| > 3 pi / 4) the neighbour is taken
+// if the bit toggling on *its* side is nearer to its threshold than the one on the pixel's own side and nearer than
+// kNearThreshold of the pixel's strongest bit. (5) The second condition keeps noise from deciding between two bits that
+// both are full. t_full >= (pi / 4) B, B being the fundamental of the square wave: a false switch needs a deviation of
+// 0.7 t_full / (sqrt(1.09) sigma) = 0.53 B / sigma, 2.1 standard deviations at B = 4 sigma and 4.2 at 8. In the inner
+// half of a period no bit may be near its threshold: less than kSurelyAtThreshold of the strongest there means an edge
+// more than p / 4 out of place, inconsistent.      (6)
+//
+// Either way, and without phase patterns too: a bit may be undecided, |t_b| <= sigma, only where it toggles, within a
+// stripe and a half of the pixel. Undecided elsewhere (indirect light, a gloss) it may stand for any order:
+// inconsistent. (7)
 #pragma once
 
 #include "calib/decode/rows.h"
@@ -35,7 +39,7 @@
 
 namespace fringecal::decode {
 
-constexpr float kNearThreshold = 0.4f;
+constexpr float kNearThreshold = 0.3f;
 constexpr float kSurelyAtThreshold = 0.15f;
 
 /// A row of bits. t is kept bit after bit: t[b * width + x].
@@ -81,5 +85,8 @@ inline int toggling_bit(std::int32_t upper, int bits) {
 
 /// Eqs. 5 and 6 for pixel x of the row.
 FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, float wrapped);
+
+/// Eq. 7 for pixel x of the row.
+bool undecided_far_from_edges(const BitRow& row, std::size_t x, int bits, float sigma);
 
 }  // namespace fringecal::decode

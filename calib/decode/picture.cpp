@@ -50,7 +50,8 @@ Image<Rgb> picture_of_phase(const PhaseMap& map) {
     if (map.validity.values()[i] != 0) continue;
     const double phase = map.phase_rad.values()[i];
     const double periods = phase / (2 * std::numbers::pi) + 0.5;
-    const bool lighter = map.code.gray_bits > 0 ? static_cast<long>(std::floor(periods)) % 2 == 0 : periods < 0.5;
+    const bool lighter = map.code.phase_steps == 0 ||
+                         (map.code.gray_bits > 0 ? static_cast<long>(std::floor(periods)) % 2 == 0 : periods < 0.5);
     out.values()[i] = colour((phase - low) / (high - low), lighter ? 1.0 : 0.8);
   }
   return out;
