@@ -17,25 +17,25 @@
 namespace fringecal {
 
 struct CaptureFrame {
-  std::string file;         // name inside the folder
+  std::string file;  // name inside the folder
   Pattern pattern;
-  std::string sha256;       // of the image file
-  std::string time;         // RFC 3339 UTC; empty where unknown
+  std::string sha256;  // of the image file
+  std::string time;    // RFC 3339 UTC; empty where unknown
 };
 
 struct CaptureInfo {
-  PatternPlan plan;                                // patterns in the order of `frames`
+  PatternPlan plan;  // patterns in the order of `frames`
   std::vector<CaptureFrame> frames;
   int width_px = 0, height_px = 0;
-  int bits = 8;                                    // significant bits per pixel: 8 .. 16; saturation is 2^bits - 1
+  int bits = 8;  // significant bits per pixel: 8 .. 16; saturation is 2^bits - 1
   std::optional<double> exposure_ms;
-  std::map<std::string, double> temperatures_degC; // by sensor name
-  std::map<std::string, std::string> devices;      // role -> identity ("camera" -> "Basler A102k 20711234")
-  std::string source;                              // "virtual chen2008 seed 7", "import of ...", ...
+  std::map<std::string, double> temperatures_degC;  // by sensor name
+  std::map<std::string, std::string> devices;       // role -> identity ("camera" -> "Basler A102k 20711234")
+  std::string source;                               // "virtual chen2008 seed 7", "import of ...", ...
 };
 
 struct Capture {
-  std::filesystem::path folder;   // empty for a capture that was never on disk
+  std::filesystem::path folder;  // empty for a capture that was never on disk
   CaptureInfo info;
   std::vector<GrayImage> frames;  // as info.frames
 
@@ -48,8 +48,13 @@ Capture read_capture(const std::filesystem::path& folder);
 /// capture.json alone, without touching the frames.
 CaptureInfo read_capture_info(const std::filesystem::path& folder);
 
+/// Empty, or what is wrong with a frame that should have this size and this number of significant bits, as the rest of
+/// a sentence that begins with the frame.
+std::string defect_of_frame(const GrayImage& image, int width_px, int height_px, int bits);
+
 /// Writes the frames (PNG, fast lossless compression) and capture.json into a folder that appears only when complete.
-/// Fills in the frames' file names and hashes. Throws EnvironmentError; nothing half-written stays.
+/// Fills in the frames' file names and hashes. Throws EnvironmentError; nothing half-written stays. A capture that is
+/// already there is replaced; any other folder that is not empty is refused (InputError).
 void write_capture(const std::filesystem::path& folder, Capture& capture);
 
 }  // namespace fringecal
