@@ -75,7 +75,7 @@ struct AlignmentIteration {
   Uncertain delta_um;                  // on the grating, signed [Chen2008, eq. 21]
   double fraction_of_period = 0;       // delta / p
   double period_px = 0, jump_px = 0;   // the paper's pixel counts
-  std::optional<double> turn_mrad;     // what the adjuster was asked for; absent: no turn after this capture
+  std::optional<double> turn_mrad = {};     // what the adjuster was asked for; absent: no turn after this capture
   std::string instruction;             // for the person at the adjuster
   std::string verdict;                 // "turn again", "within tolerance"
 };
@@ -87,16 +87,16 @@ struct ProfileColumns {
 };
 
 struct AlignmentSection {
-  std::vector<AlignmentIteration> iterations;
+  std::vector<AlignmentIteration> iterations = {};
   double tolerance_fraction = 0;       // |delta / p| that ends the loop
   std::string conclusion;              // one sentence
-  std::optional<ProfileColumns> before, after;
+  std::optional<ProfileColumns> before = {}, after = {};
 };
 
 struct Parameter {
   std::string name;                    // "f_C", "camera.k1"
   double value = 0;
-  std::optional<double> u;             // absent: not estimated
+  std::optional<double> u = {};             // absent: not estimated
   std::string unit;                    // "px", "mm^-2" (powers are set properly); empty: dimensionless
   std::string meaning;                 // "focal length of the camera"; may be empty
 };
@@ -119,14 +119,14 @@ struct ProjectorResidual {
 
 struct CalibrationSection {
   std::string method;                           // Scanner::method
-  std::vector<Parameter> parameters;            // the full model
-  std::vector<Parameter> paper_parameters;      // kc1, kc2, kp1, kp2, L, b, alpha, p_R
+  std::vector<Parameter> parameters = {};            // the full model
+  std::vector<Parameter> paper_parameters = {};      // kc1, kc2, kp1, kp2, L, b, alpha, p_R
   model::ResidualStatistics residuals;
-  std::vector<PoseUse> poses;
+  std::vector<PoseUse> poses = {};
   int image_width_px = 0, image_height_px = 0;  // the field of the residual plots
-  std::vector<CameraResidual> camera_residuals;
-  std::vector<ProjectorResidual> projector_residuals;
-  std::optional<Image<float>> coverage;         // corners per cell of the image, any cell size; NaN: none
+  std::vector<CameraResidual> camera_residuals = {};
+  std::vector<ProjectorResidual> projector_residuals = {};
+  std::optional<Image<float>> coverage = {};         // corners per cell of the image, any cell size; NaN: none
 };
 
 enum class ArtefactKind { plane, sphere, cylinder };
@@ -134,24 +134,24 @@ enum class ArtefactKind { plane, sphere, cylinder };
 /// What the paper reports for this artefact.
 struct PaperFigure {
   std::string text;                             // "flat board 800 x 700 mm, 10 times"
-  std::optional<double> error_limit_mm;         // "< 0.04 mm"
-  std::optional<double> form_sd_mm;             // its maximum standard deviation
+  std::optional<double> error_limit_mm = {};         // "< 0.04 mm"
+  std::optional<double> form_sd_mm = {};             // its maximum standard deviation
 };
 
 /// One artefact measured through one model of the instrument.
 struct ModelResult {
   std::string model;                            // "full" | "chen2008" | "ideal"; the first in the list is the measurement,
                                                 // the others its ablation
-  std::optional<double> mean_diameter_mm;       // of the repeats; absent for a plane
-  std::optional<double> error_mm;               // mean - certificate; absent without a certificate
-  std::optional<double> u_error_mm;             // standard uncertainty of error_mm
-  std::optional<double> repeatability_sd_mm;    // standard deviation of the repeats' diameters
+  std::optional<double> mean_diameter_mm = {};       // of the repeats; absent for a plane
+  std::optional<double> error_mm = {};               // mean - certificate; absent without a certificate
+  std::optional<double> u_error_mm = {};             // standard uncertainty of error_mm
+  std::optional<double> repeatability_sd_mm = {};    // standard deviation of the repeats' diameters
   double max_form_sd_mm = 0;                    // the paper's figure: largest of the repeats
   double mean_form_sd_mm = 0;
 };
 
 struct Repeat {
-  std::optional<double> diameter_mm;            // absent for a plane
+  std::optional<double> diameter_mm = {};            // absent for a plane
   double form_sd_mm = 0;
   std::size_t n_points = 0, n_rejected = 0;
 };
@@ -159,33 +159,33 @@ struct Repeat {
 struct ArtefactSection {
   std::string name;                             // "Sphere 30 mm"
   ArtefactKind kind = ArtefactKind::plane;
-  std::optional<Uncertain> certificate_mm;      // diameter and its standard uncertainty
+  std::optional<Uncertain> certificate_mm = {};      // diameter and its standard uncertainty
   PaperFigure paper;
   Verdict verdict = Verdict::not_judged;
   std::string criterion;                        // what the verdict was held against
-  std::vector<ModelResult> models;              // may be empty: not measured
-  std::vector<Repeat> repeats;                  // of models.front()
+  std::vector<ModelResult> models = {};              // may be empty: not measured
+  std::vector<Repeat> repeats = {};                  // of models.front()
   Image<float> deviation_mm;                    // of one repeat, along the surface normal; NaN where no point; empty: none
   std::string deviation_caption;                // which repeat, which sign
-  std::vector<std::string> remarks;
+  std::vector<std::string> remarks = {};
 };
 
 struct CommissioningReport {
   std::string title = "Commissioning report";
   std::string scanner_name;
   bool virtual_instrument = false;              // prints "virtual instrument, not a real one" where nobody can miss it
-  std::optional<std::uint64_t> seed;
+  std::optional<std::uint64_t> seed = {};
   std::string instrument_note;                  // preset and what it stands for
   Provenance provenance;
-  std::vector<Stage> stages;
+  std::vector<Stage> stages = {};
   Verdict verdict = Verdict::not_judged;        // of the whole commissioning
   std::string verdict_text;                     // one sentence
-  std::vector<VerdictLine> verdicts;
-  std::vector<FringeFrame> fringes;
-  std::optional<PhaseMapPicture> phase_map;
-  std::optional<AlignmentSection> alignment;
-  std::optional<CalibrationSection> calibration;
-  std::vector<ArtefactSection> artefacts;
+  std::vector<VerdictLine> verdicts = {};
+  std::vector<FringeFrame> fringes = {};
+  std::optional<PhaseMapPicture> phase_map = {};
+  std::optional<AlignmentSection> alignment = {};
+  std::optional<CalibrationSection> calibration = {};
+  std::vector<ArtefactSection> artefacts = {};
 };
 
 /// The page. Self-contained: style, pictures and plots are inside; nothing is loaded from anywhere.

@@ -77,7 +77,7 @@ std::string clause(const Series& s, std::size_t number) {
 
 std::string script_for(const Plot& plot, const std::string& id) {
   require(!plot.series.empty(), "a plot has a series");
-  std::string s = "set encoding utf8\nset minussign\n";
+  std::string s = "set encoding utf8\nset minussign\nset pointintervalbox 0\n";
   s += fmt::format("set terminal svg size {},{} noenhanced name '{}' font 'sans-serif,12'\n", plot.width_px, plot.height_px, id);
   s += "set border 3 lw 0.8 lc rgb '#5b6470'\nset tics nomirror out scale 0.6 textcolor rgb '#3a424c'\n"
        "set format x '%h'\nset format y '%h'\nset format y2 '%h'\n"
@@ -122,14 +122,28 @@ void cut_all(std::string& s, std::string_view from, std::string_view to) {
   }
 }
 
+/// gnuplot opens a group at every change of its pen, also where nothing follows.
+void cut_empty_groups(std::string& s) {
+  constexpr std::string_view kEnd = "</g>";
+  for (std::size_t at = s.find("<g "); at != std::string::npos;) {
+    const std::size_t inside = s.find('>', at) + 1;
+    const std::size_t next = s.find_first_not_of(" \t\n", inside);
+    if (std::string_view(s).substr(next, kEnd.size()) == kEnd) {
+      s.erase(at, next + kEnd.size() - at);
+    } else {
+      ++at;
+    }
+    at = s.find("<g ", at);
+  }
+}
+
 /// A document of its own becomes a part of a page: no prolog, no tool tips, ids that belong to this plot alone.
 std::string inlined(std::string svg, const std::string& id) {
   svg.erase(0, svg.find("<svg"));
   cut_all(svg, "<title>", "</title>");
   cut_all(svg, "<desc>", "</desc>");
   cut_all(svg, "<filter ", "</filter>");
-  // A group without content, which gnuplot writes at every change of its pen.
-  cut_all(svg, "<g fill=\"none\" color=\"#FFFFFF\"", "</g>");
+  cut_empty_groups(svg);
   replace_all(svg, "id='gp", fmt::format("id='{}-", id));
   replace_all(svg, "href='#gp", fmt::format("href='#{}-", id));
   replace_all(svg, "id=\"gnuplot_canvas\"", fmt::format("id=\"{}-canvas\"", id));

@@ -2,7 +2,7 @@
 //
 // Deterministic for one version of gnuplot: its start-up files are not read, coordinates are written with the fewest
 // digits that read back. Words in a plot are data, never gnuplot's or SVG's language. The ids inside are prefixed with
-// `id`, which must be unique on the page.
+// `id` (letters, digits, underscore), which must be unique on the page.
 // Errors: EnvironmentError where gnuplot is missing (with the package to install), too slow, or refuses the plot;
 // std::logic_error for columns of different length or a number that is infinite. NaN in y breaks a line.
 #pragma once
