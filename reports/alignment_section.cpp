@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <numbers>
@@ -92,11 +93,22 @@ Plot profile_plot(const ProfileColumns& profile, const Window& window, const std
     gray.y.push_back(profile.gray_number[k]);
     last = column;
   }
+  // The two curves rise together; ranges that are open on opposite sides keep them apart.
+  const auto range = [](const std::vector<double>& values, double below, double above) {
+    double low = std::numeric_limits<double>::infinity(), high = -low;
+    for (const double v : values) {
+      if (std::isnan(v)) continue;
+      low = std::min(low, v);
+      high = std::max(high, v);
+    }
+    const double span = std::max(high - low, 1.0);
+    return std::optional(std::pair(low - below * span, high + above * span));
+  };
   return {.width_px = 500,
-          .height_px = 260,
+          .height_px = 230,
           .x = {.label = title + ", column in px", .range = std::pair(window.from, window.to), .tick = {}},
-          .y = {.label = "absolute phase, rad", .range = {}, .tick = {}},
-          .right = Axis{.label = "Gray number", .range = {}, .tick = {}},
+          .y = {.label = "absolute phase, rad", .range = range(phase.y, 0.06, 0.3), .tick = {}},
+          .right = Axis{.label = "Gray number", .range = range(gray.y, 0.3, 0.06), .tick = {}},
           .series = {gray, phase},
           .bands = {},
           .levels = {}};
@@ -137,11 +149,11 @@ Markup panels(const AlignmentSection& alignment) {
 }
 
 Markup iteration_table(const AlignmentSection& alignment) {
-  const std::vector<Column> columns = {{"turn of the loop", "number", ""}, {"θ, mrad", "number", "fringes to slide"},
+  const std::vector<Column> columns = {{"capture", "", ""}, {"θ, mrad", "number", "fringes to slide"},
                                        {"u, mrad", "number", "fringes to slide"}, {"bit", "number", "assembly error, eq. 21"},
                                        {"δ, µm", "number", "assembly error, eq. 21"}, {"u, µm", "number", "assembly error, eq. 21"},
                                        {"δ/p", "number", "assembly error, eq. 21"}, {"jump, px", "number", "assembly error, eq. 21"},
-                                       {"period, px", "number", "assembly error, eq. 21"}, {"turn, mrad", "number", "adjuster"},
+                                       {"period, px", "number", "assembly error, eq. 21"}, {"turn by, mrad", "number", "adjuster"},
                                        {"verdict", "", "adjuster"}};
   std::vector<std::vector<Markup>> rows;
   for (const auto& i : alignment.iterations) {

@@ -15,6 +15,8 @@ constexpr double kUmPerMm = 1000.0;
 constexpr std::size_t kRepeatsPerTable = 10;
 
 std::string um(double mm) { return significant(kUmPerMm * mm, 3); }
+/// A limit or a published figure: "40", not "40.0".
+std::string um_exact(double mm) { return without_end_zeros(um(mm)); }
 
 Markup none() { return element("span", {{"class", "of"}}, text("–")); }
 
@@ -55,11 +57,11 @@ std::string certificate_words(const Uncertain& certificate) {
 std::vector<Markup> comparison_row(const ArtefactSection& a) {
   Markup name = text(a.name);
   if (!a.repeats.empty()) {
-    name += element("span", {{"class", "sub"}}, text(fmt::format("{} {}", a.repeats.size(), a.repeats.size() == 1 ? "scan" : "scans")));
+    name += element("span", {{"class", "sub"}}, text(fmt::format("{} {}", a.repeats.size(), a.repeats.size() == 1 ? "repeat" : "repeats")));
   }
   const Markup certificate = a.certificate_mm ? text(certificate_words(*a.certificate_mm)) : none();
-  const Markup paper_error = a.paper.error_limit_mm ? text("< " + um(*a.paper.error_limit_mm)) : none();
-  const Markup paper_form = a.paper.form_sd_mm ? text(um(*a.paper.form_sd_mm)) : none();
+  const Markup paper_error = a.paper.error_limit_mm ? text("< " + um_exact(*a.paper.error_limit_mm)) : none();
+  const Markup paper_form = a.paper.form_sd_mm ? text(um_exact(*a.paper.form_sd_mm)) : none();
   if (a.models.empty()) {
     return {name, certificate, none(), none(), none(), none(), paper_error, paper_form, mark(a.verdict)};
   }
@@ -79,13 +81,13 @@ Markup form_plot(const ArtefactSection& a, const std::string& id) {
     s.y.push_back(kUmPerMm * a.repeats[k].form_sd_mm);
     top = std::max(top, s.y.back());
   }
-  Plot plot{.width_px = 500, .height_px = 190,
+  Plot plot{.width_px = 500, .height_px = 165,
             .x = {.label = "repeat", .range = std::pair(0.5, static_cast<double>(a.repeats.size()) + 0.5),
                   .tick = a.repeats.size() <= 20 ? std::optional(1.0) : std::nullopt},
             .y = {.label = "form sd, µm", .range = {}, .tick = {}}, .right = {}, .series = {s}, .bands = {}, .levels = {}};
   if (a.paper.form_sd_mm) {
     const double level = kUmPerMm * *a.paper.form_sd_mm;
-    plot.levels.push_back({level, "paper, " + um(*a.paper.form_sd_mm) + " µm"});
+    plot.levels.push_back({level, "paper " + um_exact(*a.paper.form_sd_mm)});
     top = std::max(top, level);
   }
   plot.y.range = std::pair(0.0, std::max(1.25 * top, 1e-6));
@@ -103,7 +105,7 @@ Markup diameter_plot(const ArtefactSection& a, const std::string& id) {
     s.y.push_back(kUmPerMm * (*a.repeats[k].diameter_mm - origin));
     reach = std::max(reach, std::abs(s.y.back()));
   }
-  Plot plot{.width_px = 500, .height_px = 190,
+  Plot plot{.width_px = 500, .height_px = 165,
             .x = {.label = "repeat", .range = std::pair(0.5, static_cast<double>(a.repeats.size()) + 0.5),
                   .tick = a.repeats.size() <= 20 ? std::optional(1.0) : std::nullopt},
             .y = {.label = "diameter error, µm", .range = {}, .tick = {}}, .right = {}, .series = {s}, .bands = {},
@@ -111,7 +113,7 @@ Markup diameter_plot(const ArtefactSection& a, const std::string& id) {
   if (!a.certificate_mm) plot.y.label = "diameter − mean, µm";
   if (a.certificate_mm && a.paper.error_limit_mm) {
     const double limit = kUmPerMm * *a.paper.error_limit_mm;
-    plot.levels.push_back({limit, "paper, ±" + um(*a.paper.error_limit_mm) + " µm"});
+    plot.levels.push_back({limit, "paper ±" + um_exact(*a.paper.error_limit_mm)});
     plot.levels.push_back({-limit, ""});
     reach = std::max(reach, limit);
   }
@@ -167,7 +169,7 @@ Markup one_artefact(const ArtefactSection& a, std::size_t number) {
   Markup map, plots;
   if (!a.deviation_mm.empty()) {
     const HeatMapOptions options{.map = ColourMap::diverging, .label = "deviation, µm", .scale = kUmPerMm, .width_px = 480,
-                                 .max_height_px = 330};
+                                 .max_height_px = 285};
     map = figure("half", heat_map(a.deviation_mm, options),
                  (a.deviation_caption.empty() ? "Deviation from the fitted " + word_for(a.kind) + "." : a.deviation_caption) +
                      " Axes in pixels; grey: no point.");

@@ -14,21 +14,37 @@ namespace {
 /// Points of one plot. More would not be seen and would make the file large.
 constexpr std::size_t kMaxPoints = 2500;
 
-std::size_t stride_for(std::size_t n) { return (n + kMaxPoints - 1) / kMaxPoints; }
+constexpr std::size_t kMaxArrows = 700;
+
+std::size_t stride_for(std::size_t n, std::size_t most) { return (n + most - 1) / most; }
 
 std::string thinning_note(std::size_t stride) {
-  return stride > 1 ? fmt::format(" Every {}th of them is drawn.", stride) : "";
+  return stride > 1 ? fmt::format(" One in {} is drawn.", stride) : "";
 }
 
+/// "p_R" -> p<sub>R</sub>: one letter with a short index; a longer name is a path and stays as it is.
+Markup symbol(const std::string& name) {
+  const bool indexed = name.size() > 2 && name.size() <= 5 && name[1] == '_';
+  return indexed ? text(name.substr(0, 1)) + element("sub", text(name.substr(2))) : text(name);
+}
+
+/// The column of u is left out where no parameter has one.
 Markup parameter_table(const std::vector<Parameter>& parameters) {
+  const bool any_u = std::any_of(parameters.begin(), parameters.end(), [](const Parameter& p) { return p.u.has_value(); });
   std::vector<std::vector<Markup>> rows;
   for (const auto& p : parameters) {
-    Markup name = text(p.name);
+    Markup name = symbol(p.name);
     if (!p.meaning.empty()) name += element("span", {{"class", "sub"}}, text(p.meaning));
-    const Rounded r = p.u ? rounded(p.value, *p.u) : Rounded{significant(p.value, 6), "not estimated"};
-    rows.push_back({name, text(r.value), text(r.u), unit(p.unit.empty() ? "1" : p.unit)});
+    const Rounded r = p.u ? rounded(p.value, *p.u) : Rounded{without_end_zeros(significant(p.value, 6)), "not estimated"};
+    std::vector<Markup> row = {name, text(r.value)};
+    if (any_u) row.push_back(text(r.u));
+    row.push_back(unit(p.unit.empty() ? "1" : p.unit));
+    rows.push_back(row);
   }
-  return table("small full", {{"parameter", "", ""}, {"value", "number", ""}, {"u", "number", ""}, {"unit", "", ""}}, rows);
+  std::vector<Column> columns = {{"parameter", "", ""}, {"value", "number", ""}};
+  if (any_u) columns.push_back({"u", "number", ""});
+  columns.push_back({"unit", "", ""});
+  return table("small full", columns, rows);
 }
 
 Markup residual_figures(const model::ResidualStatistics& r) {
@@ -74,7 +90,7 @@ double largest_residual(const std::vector<CameraResidual>& residuals) {
 
 Markup scatter(const CalibrationSection& calibration) {
   const auto& residuals = calibration.camera_residuals;
-  const std::size_t stride = stride_for(residuals.size());
+  const std::size_t stride = stride_for(residuals.size(), kMaxPoints);
   Series s{.label = "", .mark = Mark::points, .size = 0.25, .x = {}, .y = {}};
   for (std::size_t k = 0; k < residuals.size(); k += stride) {
     s.x.push_back(residuals[k].residual_x_px);
@@ -94,8 +110,8 @@ Markup vector_field(const CalibrationSection& calibration) {
   const auto& residuals = calibration.camera_residuals;
   const double width = calibration.image_width_px, height = calibration.image_height_px;
   const double typical = std::max(calibration.residuals.camera_rms_px, 1e-9);
-  const double scale = round_down(0.03 * width / typical);  // a typical residual is drawn 2 to 3 % of the width long
-  const std::size_t stride = stride_for(residuals.size());
+  const double scale = round_down(0.025 * width / typical);  // a typical residual is drawn 1 to 3 % of the width long
+  const std::size_t stride = stride_for(residuals.size(), kMaxArrows);
   Series s{.label = "", .mark = Mark::vectors, .size = 0.8, .x = {}, .y = {}};
   for (std::size_t k = 0; k < residuals.size(); k += stride) {
     s.x.push_back(residuals[k].pixel_x_px);
@@ -121,7 +137,7 @@ Markup projector_scatter(const CalibrationSection& calibration) {
   const auto& residuals = calibration.projector_residuals;
   const bool in_mm = calibration.residuals.projector_unit == "mm";
   const std::string shown_unit = in_mm ? "µm" : calibration.residuals.projector_unit;
-  const std::size_t stride = stride_for(residuals.size());
+  const std::size_t stride = stride_for(residuals.size(), kMaxPoints);
   Series s{.label = "", .mark = Mark::points, .size = 0.25, .x = {}, .y = {}};
   for (std::size_t k = 0; k < residuals.size(); k += stride) {
     s.x.push_back(residuals[k].pixel_x_px);

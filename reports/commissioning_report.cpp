@@ -40,6 +40,12 @@ Markup contents(const CommissioningReport& report) {
   return element("nav", links);
 }
 
+/// "2026-11-21T23:55:16Z" -> "2026-11-21 23:55 UTC"; anything else as it stands.
+std::string readable_date(const std::string& date) {
+  const bool rfc3339_utc = date.size() == 20 && date[10] == 'T' && date.back() == 'Z';
+  return rfc3339_utc ? date.substr(0, 10) + " " + date.substr(11, 5) + " UTC" : date;
+}
+
 Markup fact(std::string_view name, std::string_view value) {
   return element("li", element("span", text(name)) + text(" ") + text(value));
 }
@@ -93,7 +99,7 @@ Markup summary(const CommissioningReport& report) {
                        element("b", text("fringecal")) + text(" · fringe-projection 3D scanner"));
   const std::string name = report.scanner_name.empty() ? "Unnamed scanner" : report.scanner_name;
   out += element("h1", text(report.title + ": " + name));
-  Markup facts = fact("Date", report.provenance.date.empty() ? "not recorded" : report.provenance.date) +
+  Markup facts = fact("Date", report.provenance.date.empty() ? "not recorded" : readable_date(report.provenance.date)) +
                  fact("Program", report.provenance.program + " " + report.provenance.version);
   if (!report.stages.empty()) {
     const double total = std::accumulate(report.stages.begin(), report.stages.end(), 0.0,
@@ -162,7 +168,7 @@ Markup provenance_section(const CommissioningReport& report) {
     inputs = element("div", element("h3", text("Inputs")) + table("small", {{"input", "", ""}, {"SHA-256", "", ""}}, rows));
   }
   std::string made = fmt::format("Made by {} {}", from.program, from.version);
-  if (!from.date.empty()) made += " on " + from.date;
+  if (!from.date.empty()) made += " on " + readable_date(from.date);
   if (report.virtual_instrument) made += ", from a virtual instrument, not a real one";
   if (report.seed) made += fmt::format(" (seed {})", *report.seed);
   return section("provenance", "Provenance",

@@ -55,10 +55,21 @@ Rounded rounded(double value, double u) {
   if (u == 0.0) return {significant(value, 6), "0"};
   const int place = leading_exponent(u, 2) - 1;  // of u's second digit
   const int leading = value == 0.0 ? place + 1 : std::max(leading_exponent(value, 6), place + 1);
-  if (leading >= -4 && leading < 7) return {at_place(value, -place), at_place(u, -place)};
+  if (place >= -6 && leading < 7) return {at_place(value, -place), at_place(u, -place)};
   const double scale = std::pow(10.0, leading);
   return {fixed(value / scale, leading - place) + power_of_ten(leading),
           fixed(u / scale, leading - place) + power_of_ten(leading)};
+}
+
+std::string without_end_zeros(std::string number) {
+  const auto point = number.find('.');
+  if (point == std::string::npos) return number;
+  auto end = point + 1;
+  while (end < number.size() && number[end] >= '0' && number[end] <= '9') ++end;
+  auto keep = end;
+  while (number[keep - 1] == '0') --keep;
+  if (number[keep - 1] == '.') --keep;
+  return number.erase(keep, end - keep);
 }
 
 std::string with_sign(std::string number) {

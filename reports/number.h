@@ -11,14 +11,16 @@ struct Rounded {
   std::string value, u;
 };
 
-/// (1234.5678, 0.0123) -> "1234.568", "0.012"; (2.5e-6, 1e-7) -> "2.50 × 10⁻⁶", "0.10 × 10⁻⁶": below 1e-4 and from 1e7 on
-/// both share a power of ten. u = 0 stands as "0" beside six significant digits.
+/// (1234.5678, 0.0123) -> "1234.568", "0.012"; (2.5e-6, 1e-7) -> "2.50 × 10⁻⁶", "0.10 × 10⁻⁶": beyond six decimals,
+/// and from 1e7 on, both share a power of ten. u = 0 stands as "0" beside six significant digits.
 Rounded rounded(double value, double u);
 
 /// A number of decimals: fixed(-0.5, 1) -> "−0.5", fixed(-0.01, 1) -> "0.0".
 std::string fixed(double value, int decimals);
 /// A number without an uncertainty: significant(0.031234, 3) -> "0.0312".
 std::string significant(double value, int digits);
+/// "34.0" -> "34", "1.90 × 10⁻⁶" -> "1.9 × 10⁻⁶": for a figure whose digits are known to be exact.
+std::string without_end_zeros(std::string number);
 /// "2.1" -> "+2.1"; zero and negative numbers as they are.
 std::string with_sign(std::string number);
 

@@ -29,7 +29,8 @@ std::string quoted(std::string_view words) {
 }
 
 std::string axis(std::string_view name, const Axis& a) {
-  std::string out = fmt::format("set {}label {}\n", name, quoted(a.label));
+  const char* const closer = name == "x" ? "0,0.6" : name == "y" ? "0.8,0" : "-0.8,0";
+  std::string out = fmt::format("set {}label {} offset {} textcolor rgb '#3a424c'\n", name, quoted(a.label), closer);
   if (a.range) out += fmt::format("set {}range [{}:{}]\n", name, a.range->first, a.range->second);
   if (a.tick) out += fmt::format("set {}tics {}\n", name, *a.tick);
   return out;
@@ -80,13 +81,16 @@ std::string script_for(const Plot& plot, const std::string& id) {
   std::string s = "set encoding utf8\nset minussign\nset pointintervalbox 0\n";
   s += fmt::format("set terminal svg size {},{} noenhanced name '{}' font 'sans-serif,12'\n", plot.width_px, plot.height_px, id);
   s += "set border 3 lw 0.8 lc rgb '#5b6470'\nset tics nomirror out scale 0.6 textcolor rgb '#3a424c'\n"
-       "set format x '%h'\nset format y '%h'\nset format y2 '%h'\n"
+       "set format x '%h'\nset format y '%h'\nset format y2 '%h'\nset xtics offset 0,0.35\nset ytics offset 0.5,0\n"
        "set grid xtics ytics lw 0.6 lc rgb '#e4e7eb' dt solid\n"
-       "set key outside top right horizontal samplen 2 height 0.3 textcolor rgb '#3a424c'\n";
+       "set key at graph 1.0, screen 0.985 right top horizontal maxrows 1 samplen 1.6 width -1 textcolor rgb '#3a424c'\n";
   const bool named = std::any_of(plot.series.begin(), plot.series.end(), [](const Series& one) { return !one.label.empty(); });
   if (!named) s += "unset key\n";
   s += axis("x", plot.x) + axis("y", plot.y);
   if (plot.right) s += "set border 11\nset y2tics\n" + axis("y2", *plot.right);
+  std::size_t longest = 0;
+  for (const auto& level : plot.levels) longest = std::max(longest, level.label.size());
+  if (longest > 0) s += fmt::format("set rmargin {}\n", longest + 1);
   if (plot.equal_scales) s += "set size ratio -1\n";
   std::size_t object = 1;
   for (const auto& band : plot.bands) {
@@ -96,7 +100,7 @@ std::string script_for(const Plot& plot, const std::string& id) {
   std::size_t arrow = 1;
   for (const auto& level : plot.levels) {
     s += fmt::format("set arrow {0} from graph 0, first {1} to graph 1, first {1} nohead lw 1 dt (6,4) lc rgb '{2}'\n"
-                     "set label {0} {3} at graph 0.995, first {1} right offset 0,0.5 front textcolor rgb '#5b6470'\n",
+                     "set label {0} {3} at graph 1.015, first {1} left front textcolor rgb '#5b6470'\n",
                      arrow++, level.y, ink::kQuiet, quoted(level.label));
   }
   std::string clauses;

@@ -47,7 +47,7 @@ struct Band {
   double from = 0, to = 0;
 };
 
-/// A thin dashed line across, with its words at the right end.
+/// A thin dashed line across, with its words outside at the right.
 struct Level {
   double y = 0;
   std::string label;

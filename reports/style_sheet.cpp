@@ -22,7 +22,7 @@ a{color:var(--accent)}
 section{margin-top:44px}
 .kicker{font-size:12px;letter-spacing:.09em;text-transform:uppercase;color:var(--soft);margin:0 0 10px;max-width:none}
 .kicker b{color:var(--accent)}
-.note{color:var(--soft);font-size:13.5px}
+.note{color:var(--soft);font-size:13.5px;max-width:92ch}
 .facts{display:flex;flex-wrap:wrap;gap:6px 34px;margin:12px 0 0;padding:0;list-style:none;font-size:14px}
 .facts span{color:var(--soft)}
 .virtual{margin:20px 0 0;padding:10px 16px 10px 20px;font-size:14px;max-width:none;
@@ -31,7 +31,7 @@ border-left:6px solid #c98a12;background:#fdf5e3}
 .overall{display:flex;gap:18px;align-items:flex-start;margin:22px 0 0}
 .overall .mark svg{width:38px;height:38px;margin-top:2px}
 .overall p{font:600 21px/1.35 var(--serif);margin:0;max-width:52ch}
-.overall .word{display:block;font:700 12px/1.5 var(--sans);letter-spacing:.09em;text-transform:uppercase}
+.overall .word{margin-bottom:1px;display:block;font:700 12px/1.5 var(--sans);letter-spacing:.09em;text-transform:uppercase}
 .lines{list-style:none;margin:14px 0 0 56px;padding:0;columns:2;column-gap:36px;font-size:14px}
 .lines li{break-inside:avoid;display:flex;gap:9px;margin:0 0 5px}
 .lines .mark{flex:none;margin-top:3px}
@@ -53,7 +53,8 @@ tbody th{font-weight:600}
 .number{text-align:right;white-space:nowrap}
 td.number,th.number{padding-left:6px}
 .of{color:var(--soft);font-weight:400}
-.sub{display:block;color:var(--soft);font-weight:400;font-size:12.5px}
+.sub{display:block;color:var(--soft);font-weight:400;font-size:.88em}
+sup,sub{line-height:0;font-size:.75em}
 .bar{display:block;margin:3px 0 0 auto;width:72px;height:7px}
 .bar .track{fill:#e3e7eb}.bar .fill{fill:var(--accent)}.bar .over{fill:var(--bad)}.bar .limit{fill:var(--ink)}
 .figures{display:flex;flex-wrap:wrap;gap:22px 24px;align-items:flex-start;margin:14px 0}
@@ -72,11 +73,11 @@ svg.map .frame{fill:none;stroke:#5b6470;stroke-width:.8}
 .artefact h3{margin:0 0 4px;display:flex;justify-content:space-between;gap:20px}
 .artefact h3 .mark{font:600 14px var(--sans)}
 .columns{display:flex;flex-wrap:wrap;gap:0 48px;align-items:flex-start}
-.columns>div{flex:1 1 400px;min-width:0}
+.columns>div{flex:1 1 400px;min-width:0}.frames,.compare{break-inside:avoid}
 .small td,.small th{font-size:13px;padding-top:4px;padding-bottom:4px}
 .hash{font-family:ui-monospace,"DejaVu Sans Mono",monospace;font-size:11.5px;overflow-wrap:anywhere}
 .empty{color:var(--soft);font-style:italic}
-@media (max-width:760px){main{padding:22px 18px;margin:0}.lines{columns:1;margin-left:0}
+@media screen and (max-width:760px){main{padding:22px 18px;margin:0}.lines{columns:1;margin-left:0}
 figure.half,figure.third{width:100%}.frames{grid-template-columns:repeat(3,1fr)}section,main{overflow-x:auto}}
 @page{size:A4;margin:16mm 15mm 18mm}
 @media print{html{background:#fff}body{font-size:9.6pt;line-height:1.42}
@@ -85,7 +86,9 @@ h1{font-size:21pt}h2{font-size:14.5pt}h3{font-size:11pt}h2,h3{break-after:avoid}
 .overall p{font-size:13pt}section{margin-top:9mm}section.sheet{break-before:page}
 table{font-size:8.6pt}thead th{font-size:7.8pt}thead{display:table-header-group}tr{break-inside:avoid}
 th,td{padding-right:7px}.note,figcaption{font-size:8pt}.lines,.facts,.virtual{font-size:8.8pt}.bar{width:52px}
-.small td,.small th{font-size:8pt}.figures{gap:5mm 5mm}figure.half{width:calc(50% - 2.6mm)}
+.small td,.small th{font-size:8pt}.figures{gap:4mm 5mm;margin:2.5mm 0}.columns{gap:0 7mm}.columns>div{flex-basis:0}
+.frames{gap:3mm 3mm}.artefact{margin-top:5mm;padding-top:2.5mm}.artefact h3 .mark{font-size:9pt}.artefact .figures{margin:1mm 0}
+.artefact .small td,.artefact .small th{padding-top:1.5px;padding-bottom:1.5px}#fringes,#phase,#models,#provenance{break-inside:avoid}figure.half{width:calc(50% - 2.6mm)}
 figure.third{width:calc(33.333% - 3.4mm)}.hash{font-size:7pt}a{color:inherit;text-decoration:none}}
 )css";
 
