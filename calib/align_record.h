@@ -1,5 +1,6 @@
-// The record of an alignment: what was measured, said and done in each iteration. Schema "fringecal.alignment_record",
-// version 1. Reading it back gives the next step the moves made so far, from which it learns the adjuster's gain.
+// The record of an alignment: what was measured, said and done in each iteration. Schema
+// "fringecal.alignment_record", version 1. Reading it back gives the next step the moves made so far, from which it
+// learns the adjuster's gain.
 #pragma once
 
 #include "calib/align_loop.h"
@@ -11,8 +12,8 @@
 namespace fringecal::calib {
 
 struct AlignmentIteration {
-  std::string capture;          // name or folder
-  double turn_before_rad = 0;   // made just before this capture
+  std::string capture;         // name or folder
+  double turn_before_rad = 0;  // made just before this capture
   Misalignment measured;
   AlignmentStep step;
 };
