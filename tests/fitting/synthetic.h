@@ -1,5 +1,6 @@
-// Points with an exactly known least-squares surface. Each place of the surface gives two points, at +delta and -delta along
-// the normal there: both have the same row in the Jacobian, so J^T d = 0 at the surface itself, and F = n delta^2.
+// Points with an exactly known least-squares surface. Each place of the surface gives two points, at +delta and -delta
+// along the normal there: both have the same row in the Jacobian, so J^T d = 0 at the surface itself, and F = n
+// delta^2.
 #pragma once
 
 #include "fitting/rejection.h"
@@ -26,8 +27,8 @@ inline void add_pair(Cloud& cloud, const Eigen::Vector3d& place, const Eigen::Ve
 }
 
 /// A cap of the half-angle, its pole along `pole`.
-inline Cloud sphere_cap(const Eigen::Vector3d& center, double radius, const Eigen::Vector3d& pole, double half_angle_rad,
-                        double delta) {
+inline Cloud sphere_cap(const Eigen::Vector3d& center, double radius, const Eigen::Vector3d& pole,
+                        double half_angle_rad, double delta) {
   Cloud cloud;
   const Eigen::Quaterniond turn = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), pole);
   for (int i = 0; i < 120; ++i) {
