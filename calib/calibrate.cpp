@@ -47,9 +47,18 @@ Bundle bundle_of(std::span<const BoardObservation> observations, const model::Bo
     for (int column = 0; column < board.columns; ++column) b.targets_mm.push_back(board.corner_mm(column, row).head<2>());
   }
   b.cam_from_board.resize(observations.size());
+  // One uncertainty for all corners: the scatter within a pose is known from a few dozen corners only, and where it is
+  // larger in one pose the board was bent there, which is not noise to be weighted by.
+  double squares = 0;
+  std::size_t count = 0;
+  for (const auto& o : observations) {
+    for (const auto& c : o.corners) squares += c.u_pixel_px * c.u_pixel_px;
+    count += o.corners.size();
+  }
+  const double u_pixel = std::sqrt(squares / static_cast<double>(count));
   for (std::size_t pose = 0; pose < observations.size(); ++pose) {
     for (const auto& c : observations[pose].corners) {
-      b.sights.push_back({static_cast<int>(pose), c.row * board.columns + c.column, c.pixel, c.u_pixel_px, c.x, c.y, true});
+      b.sights.push_back({static_cast<int>(pose), c.row * board.columns + c.column, c.pixel, u_pixel, c.x, c.y, true});
     }
   }
   return b;
@@ -173,8 +182,9 @@ void fill_observations(Scanner& scanner, std::span<const BoardObservation> obser
   std::size_t k = 0;
   for (auto& o : scanner.observations) {
     for (auto& c : o.corners) {
-      c.used = bundle.sights[k++].used;
-      c.u_pixel_px *= report.scale_camera;
+      const Sight& sight = bundle.sights[k++];
+      c.used = sight.used;
+      c.u_pixel_px = sight.u_pixel_px * report.scale_camera;
       if (c.x) c.x->u *= report.scale_projector;
       if (c.y) c.y->u *= report.scale_projector;
     }
@@ -208,7 +218,9 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   SolveSettings settings;
   settings.u_print_mm = board.u_print_mm;
   settings.u_pitch_relative = board.u_pitch_relative;
-  std::string method = "joint least squares, autodiff Levenberg-Marquardt, variance components; camera terms ";
+  settings.outliers = options.outliers;
+  std::string method = fmt::format("joint least squares, variance components, outliers {}; camera terms ",
+                                   options.outliers == Outliers::reject ? "left out" : "kept");
   if (options.camera_terms == DistortionTerms::automatic) {
     auto choice = choose_terms(bundle, settings, &SolveSettings::camera_terms);
     if (!choice) return tl::unexpected(choice.error());

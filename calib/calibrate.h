@@ -27,9 +27,16 @@ enum class DistortionTerms {
   automatic,          // the set the data support: a richer one only where it lowers the Bayesian information criterion
 };
 
+/// What happens to corners that do not fit (a crease in the board, a reflection).
+enum class Outliers {
+  reject,  // robust loss first, then beyond 4 standard deviations left out
+  keep,    // plain least squares of everything: for comparison with programs that do that
+};
+
 struct CalibrationOptions {
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;  // none or radial where one axis only is coded
+  Outliers outliers = Outliers::reject;
   int min_poses = 3;
   // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal: printed
   // and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.

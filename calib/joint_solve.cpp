@@ -342,13 +342,25 @@ double robust_scale(const std::vector<double>& residuals, const std::vector<Grou
   return sizes.empty() ? 1.0 : std::max(1.4826 * median(std::move(sizes)), 1e-9);
 }
 
-/// Leaves out the sights with a component beyond the limit; returns how many.
+/// Leaves out the sights with a component beyond the limit; returns how many. The standard deviation is the larger of the
+/// whole group's (1, the residuals are whitened) and of the sight's own pose, robustly: a board that was bent or moved in one
+/// pose raises the scatter of that pose, which is no reason to keep only those of its corners that happen to fit.
 int reject(Bundle& bundle, const Problem& problem, const std::vector<double>& residuals) {
+  const auto slot = [&](std::size_t i) {
+    const auto pose = static_cast<std::size_t>(bundle.sights[problem.owners()[i]].pose);
+    return 2 * pose + (problem.groups()[i] == Group::camera ? 0 : 1);
+  };
+  std::vector<std::vector<double>> sizes(2 * bundle.cam_from_board.size());
+  for (std::size_t i = 0; i < residuals.size(); ++i) {
+    if (problem.groups()[i] != Group::prior) sizes[slot(i)].push_back(std::abs(residuals[i]));
+  }
+  std::vector<double> limit;
+  for (auto& s : sizes) limit.push_back(kRejectBeyond * (s.empty() ? 1.0 : std::max(1.0, 1.4826 * median(std::move(s)))));
   int count = 0;
   for (std::size_t i = 0; i < residuals.size(); ++i) {
     if (problem.groups()[i] == Group::prior) continue;
     Sight& sight = bundle.sights[problem.owners()[i]];
-    if (sight.used && std::abs(residuals[i]) > kRejectBeyond) {
+    if (sight.used && std::abs(residuals[i]) > limit[slot(i)]) {
       sight.used = false;
       ++count;
     }
@@ -429,7 +441,8 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   };
 
   Eigen::Vector2d scales = settings.fixed_scales.value_or(Eigen::Vector2d(1, 1));
-  if (!settings.fixed_scales) {
+  const bool may_reject = !settings.fixed_scales && settings.outliers == Outliers::reject;
+  if (may_reject) {
     // Robust passes. The scale of the loss comes from the residuals themselves; it starts wide, at the start's own misfit.
     for (int pass = 0; pass < 3; ++pass) {
       problem.build(scales, 0);
@@ -490,7 +503,7 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
       if (problem.groups()[i] == Group::camera) linear.residuals[i] /= factor[0];
       if (problem.groups()[i] == Group::projector) linear.residuals[i] /= factor[1];
     }
-    const int rejected = reject(bundle, problem, linear.residuals);
+    const int rejected = may_reject ? reject(bundle, problem, linear.residuals) : 0;
     report.n_rejected += rejected;
     const Eigen::Vector2d next = scales.cwiseProduct(factor).cwiseMax(kLeastScale);
     const bool settled = (next - scales).cwiseQuotient(scales).cwiseAbs().maxCoeff() < 1e-3;

@@ -51,6 +51,7 @@ struct Bundle {
 struct SolveSettings {
   DistortionTerms camera_terms = DistortionTerms::radial;
   DistortionTerms projector_terms = DistortionTerms::radial;
+  Outliers outliers = Outliers::reject;
   // Standard deviations of the priors; 0 leaves the quantity at its nominal value.
   double u_print_mm = 0;
   double u_pitch_relative = 0;

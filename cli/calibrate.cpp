@@ -23,6 +23,7 @@ struct Options {
   DistortionTerms projector_terms = DistortionTerms::radial;
   std::optional<double> pixel_mm, working_distance_mm;
   int min_poses = 3;
+  calib::Outliers outliers = calib::Outliers::reject;
   bool flat_board = false, json = false;
 };
 
@@ -105,6 +106,7 @@ void run(const Options& options) {
   calib::CalibrationOptions how;
   how.camera_terms = options.camera_terms;
   how.projector_terms = options.projector_terms;
+  how.outliers = options.outliers;
   how.min_poses = needed;
   if (options.flat_board) how.u_bow_relative = 0;
   how.pixel_mm = options.pixel_mm;
@@ -126,6 +128,8 @@ void add_calibrate(CLI::App& app) {
                                                                 {"radial+tangential", DistortionTerms::radial_tangential},
                                                                 {"full", DistortionTerms::full},
                                                                 {"auto", DistortionTerms::automatic}};
+  static const std::map<std::string, calib::Outliers> kOutliers = {{"reject", calib::Outliers::reject},
+                                                                   {"keep", calib::Outliers::keep}};
   auto options = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand("calibrate", "Finds camera and projector from captures of a calibration board");
   command->add_option("captures", options->captures, "Capture folders, one per pose of the board")->required();
@@ -137,6 +141,9 @@ void add_calibrate(CLI::App& app) {
   command->add_option("--projector-terms", options->projector_terms,
                       "Distortion of the projector, the same words (default radial; along one code axis none or radial)")
       ->transform(CLI::CheckedTransformer(kTerms).description(""));
+  command->add_option("--outliers", options->outliers,
+                      "Corners that do not fit: reject (default), or keep: plain least squares, as other programs do it")
+      ->transform(CLI::CheckedTransformer(kOutliers).description(""));
   command->add_option("--pixel-mm", options->pixel_mm, "Side of a camera pixel in mm, to print the paper's parameters")
       ->check(CLI::PositiveNumber);
   command->add_option("--working-distance-mm", options->working_distance_mm,
