@@ -16,8 +16,8 @@
 //    fringes [caption], phase_map? {caption, width_px, height_px},
 //    alignment? {tolerance_fraction, conclusion, iterations [...], before? , after? {row_px, column_px [], ...}},
 //    calibration? {method, parameters [{name, value, u?, unit, meaning}], paper_parameters [...],
-//      residuals {camera_rms_px, projector_rms, projector_unit, ...}, poses [{name, used, reason}],
-//      camera_residuals {pixel_x_px [], pixel_y_px [], residual_x_px [], residual_y_px []},
+//      image_width_px, image_height_px, residuals {camera_rms_px, projector_rms, projector_unit, ...}, poses [{name,
+//      used, reason}], camera_residuals {pixel_x_px [], pixel_y_px [], residual_x_px [], residual_y_px []},
 //      projector_residuals {pixel_x_px [], pixel_y_px [], residual []  (in residuals.projector_unit)}},
 //    artefacts [{name, kind, certificate_mm?, u_certificate_mm?, paper {text, error_limit_mm?, form_sd_mm?}, verdict,
 //      criterion, models [...], repeats [...], remarks []}], verdicts [{verdict, text}]}
@@ -197,6 +197,9 @@ Value to_value(const CommissioningReport& report);
 
 /// report.html and report.json in a folder, each written atomically.
 void write_commissioning_report(const std::filesystem::path& folder, const CommissioningReport& report);
+
+/// Throws EnvironmentError where a program that the report needs is missing: for the start of a run that takes minutes.
+void check_report_tools();
 
 /// "met" | "not met" | "not judged".
 std::string word_for(Verdict verdict);

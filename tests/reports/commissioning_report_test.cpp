@@ -235,6 +235,14 @@ TEST(CommissioningReport, OfAFullSizeInstrumentStaysBelowFourMegabytes) {
   EXPECT_LT(html.size(), 4u << 20);
 }
 
+TEST(CommissioningReport, ChecksItsToolsBeforeALongRun) {
+  EXPECT_NO_THROW(check_report_tools());
+  const std::string path = std::getenv("PATH");
+  ::setenv("PATH", "/nonexistent", 1);
+  EXPECT_THROW(check_report_tools(), EnvironmentError);
+  ::setenv("PATH", path.c_str(), 1);
+}
+
 TEST(CommissioningReport, WritesBothFilesOrSaysWhyNot) {
   const fs::path folder = fs::temp_directory_path() / ("fringecal-report-" + std::to_string(::getpid()));
   const auto report = report_without_plots();
