@@ -217,7 +217,7 @@ Eigen::MatrixXd placement_covariance(const std::vector<Measured>& bits, const Sl
   for (Eigen::Index i = 0; i < n; ++i) {
     for (Eigen::Index j = 0; j < n; ++j) {
       const double t = (place_mm[i] - place_mm[j]) / smooth_mm;
-      e(i, j) = layout.straightness_mm * layout.straightness_mm / 8.0 * std::exp(-0.5 * t * t);
+      e(i, j) = layout.straightness_mm * layout.straightness_mm / 7.0 * std::exp(-0.5 * t * t);
     }
     e(i, i) += layout.u_placement_mm * layout.u_placement_mm;
   }

@@ -11,7 +11,7 @@
 // The wrap of N steps sits at the mean slot sum w_k s_k of the phase patterns, w_k = (2/N) sin^2(2 pi k / N)      (3)
 // (four steps: the mean of PS1 and PS3, exact at any angle). With L_b the distance along the slide from bit b to it,
 //   delta_b = L_b sin(theta) + e_b - sum w_k e_k,   e the place of each pattern across the fringes              (4)
-// is solved for theta by generalised least squares. cov(e) = u_place^2 I + (a^2 / 8) exp(-(s_i - s_j)^2 / 2 l^2):
+// is solved for theta by generalised least squares. cov(e) = u_place^2 I + (a^2 / 7) exp(-(s_i - s_j)^2 / 2 l^2):
 // independent placement errors, and the slide's path with its straightness a (peak to peak), smooth over l = a third
 // of the travel. All bits share the phase patterns' errors, so no angle is known better than these allow. The scatter
 // of the edges themselves (noise) comes from blocks of rows and is far smaller. Where the bits contradict eq. 4
