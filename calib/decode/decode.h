@@ -32,11 +32,12 @@ namespace fringecal::decode {
 
 enum class Validity : std::uint8_t {
   valid = 0,
-  shadow = 1,             // the projector's light does not arrive: white - black, or 2B, is below the noise
-  saturated = 2,          // a phase frame (or the white frame) is at the camera's upper limit
-  low_modulation = 3,     // B below the limit of the options
-  inconsistent_code = 4,  // code and phase contradict each other by more than the redundancy can explain, or m is
-                          // outside of what the pattern holds
+  shadow = 1,          // the projector's light does not arrive: white - black, or 2B, is below the noise
+  saturated = 2,       // a phase frame (or the white frame) is at the camera's upper limit
+  low_modulation = 3,  // B below the limit of the options
+  inconsistent_code =
+      4,  // redundant result only: code and phase contradict each other by more than the redundancy can
+          // explain, m is outside of what the pattern holds, or a bit is undecided where it should not be
 };
 
 /// The word for people and JSON: "valid", "shadow", "saturated", "low modulation", "inconsistent code".
@@ -68,7 +69,7 @@ struct PhaseMap {
   Image<float> wrapped_rad;      // (-pi, pi]; empty without phase patterns
   Image<float> modulation;       // B in grey levels; without phase patterns half the difference of the references
   Image<float> mean;             // A in grey levels
-  Image<float> u_phase_rad;      // eq. 4
+  Image<float> u_phase_rad;      // eq. 4; quiet NaN where not valid
   Image<std::uint8_t> validity;  // Validity
   NoiseModel noise;
 

@@ -1,7 +1,9 @@
 // `fringecal import` and `fringecal decode` as a user runs them.
+#include "calib/decode/decode.h"
 #include "core/capture.h"
 #include "core/file.h"
 #include "core/image_file.h"
+#include "core/import_plan.h"
 #include "core/value.h"
 #include "tests/calib/synthetic_fringes.h"
 #include "tests/support/temporary_folder.h"
@@ -42,23 +44,15 @@ const std::string kPlan = std::string(FRINGECAL_SOURCE_DIR) + "/tests/e2e/procam
 
 TEST(ImportAndDecode, TheFiveRealPosesGiveACodeThatGrowsDownTheImage) {
   if (!fs::exists(kPoses)) GTEST_SKIP() << "shared data not present: " << kPoses;
-  const TemporaryFolder folder;
   for (int pose = 0; pose < 5; ++pose) {
-    const Finished import =
-        run(folder, fmt::format("import {}/pose_{} --plan {} -o {}", kPoses, pose, kPlan, (folder / "c").string()));
-    ASSERT_EQ(import.code, 0) << import.err;
-    const Finished decode =
-        run(folder, fmt::format("decode {} -o {} --json", (folder / "c").string(), (folder / "m").string()));
-    ASSERT_EQ(decode.code, 0) << decode.err;
-    const Value summary = parse_json(decode.out, "out");
-    EXPECT_EQ(*summary.find("axis")->if_text(), "y");
+    const Capture capture = import_capture(fmt::format("{}/pose_{}", kPoses, pose), kPlan);
+    const decode::PhaseMap map = decode::decode_phase(capture, CodeAxis::y);
+    const Image<float>& phase = map.phase_rad;
     // The wall and the board fill at least two thirds of every view.
-    const Value& pixels = *summary.find("pixels");
-    EXPECT_GT(*pixels.find("valid")->if_integer(), 1280 * 1024 * 2 / 3) << pose;
+    EXPECT_GT(decode::count_validity(map)[0], 1280u * 1024u * 2 / 3) << pose;
     // In the upper 40 % of the view (wall and board, no floor) the projector's rows follow each other down every
     // column: 0.5 to 0.6 rows per pixel, so a step is 0 or 1 but for noise at a row's edge; 80 rows apart the code has
     // always grown.
-    const auto phase = read_float_tiff(folder / "m/phase.tiff");
     const auto row_of = [&](int x, int y) { return (phase(x, y) + std::numbers::pi) / (2 * std::numbers::pi); };
     std::size_t steps = 0, small = 0, far = 0, grown = 0;
     for (int x = 0; x < 1280; x += 5) {
@@ -80,6 +74,23 @@ TEST(ImportAndDecode, TheFiveRealPosesGiveACodeThatGrowsDownTheImage) {
     EXPECT_GT(static_cast<double>(small) / static_cast<double>(steps), 0.98) << pose;
     EXPECT_GT(static_cast<double>(grown) / static_cast<double>(far), 0.98) << pose;
   }
+}
+
+TEST(ImportAndDecode, ARealPoseGoesThroughBothCommands) {
+  if (!fs::exists(kPoses)) GTEST_SKIP() << "shared data not present: " << kPoses;
+  const TemporaryFolder folder;
+  const std::string capture = (folder / "c").string(), maps = (folder / "m").string();
+  const Finished import = run(folder, fmt::format("import {}/pose_0 --plan {} -o {}", kPoses, kPlan, capture));
+  ASSERT_EQ(import.code, 0) << import.err;
+  const Finished decode = run(folder, fmt::format("decode {} -o {} --json", capture, maps));
+  ASSERT_EQ(decode.code, 0) << decode.err;
+  const Value summary = parse_json(decode.out, "out");
+  EXPECT_EQ(*summary.find("axis")->if_text(), "y");
+  // What the files hold is what the summary says.
+  const auto phase = read_float_tiff(fs::path(maps) / "phase.tiff");
+  std::int64_t valid = 0;
+  for (const float v : phase.values()) valid += std::isnan(v) ? 0 : 1;
+  EXPECT_EQ(*summary.find("pixels")->find("valid")->if_integer(), valid);
 }
 
 struct SyntheticCapture : testing::Test {
