@@ -16,8 +16,8 @@ namespace fringecal::calib {
 
 /// Corners (chessboard: saddle points; grids: centres of circles) with sub-pixel places and their standard uncertainty.
 /// Image: the mean of the phase frames, or white. No result: the board is not there, with the sentence why.
-/// Where a regular pattern looks the same turned by 180 degrees the choice is made so that columns run with the image's x;
-/// all captures of one call must show the board within +-90 degrees of each other.
+/// Where a regular pattern looks the same turned by 180 degrees the choice is made so that columns run with the image's
+/// x; all captures of one call must show the board within +-90 degrees of each other.
 Result<model::BoardObservation> detect_board(const GrayImage& image, const model::Board& board);
 
 /// Fills in x or y (by the map's axis) of each corner from a local robust fit of the phase around it; corners without
@@ -29,7 +29,8 @@ void add_projector_coordinates(model::BoardObservation& observation, const decod
 Image<float> texture_of(const Capture& capture);
 
 /// texture_of, detect_board, decode on every coded axis, add_projector_coordinates.
-Result<model::BoardObservation> observe_board(const Capture& capture, const model::Board& board, const std::string& name);
+Result<model::BoardObservation> observe_board(const Capture& capture, const model::Board& board,
+                                              const std::string& name);
 
 /// A capture in which the board could not be used, and the sentence why.
 struct DroppedPose {

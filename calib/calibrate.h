@@ -3,12 +3,11 @@
 // Minimised is the sum of whitened squares of
 //   camera      (px, py) - pi_cam(cam_from_board X_ij)                 / u_pixel     2 per corner           (1)
 //   projector   u - u_proj(proj_from_cam cam_from_board X_ij)          / u(u)        1 per corner and axis  (2)
-// over the camera (f, c, distortion), the projector (f, u0 per coded axis, distortion), proj_from_cam and the poses, with
-// the models of calib/model. Robust loss first; corners beyond 4 standard deviations are then listed and left out, and the
-// clean problem is solved again. The covariance is (J^T J)^-1 of the clean problem, times chi2/dof where that exceeds 1.
-// A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place along the
-// fringes) gets a weak prior, which the Scanner names.
-// [Zhang2000] [Chen2008, eqs. 18-20]
+// over the camera (f, c, distortion), the projector (f, u0 per coded axis, distortion), proj_from_cam and the poses,
+// with the models of calib/model. Robust loss first; corners beyond 4 standard deviations are then listed and left out,
+// and the clean problem is solved again. The covariance is (J^T J)^-1 of the clean problem, times chi2/dof where that
+// exceeds 1. A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place
+// along the fringes) gets a weak prior, which the Scanner names. [Zhang2000] [Chen2008, eqs. 18-20]
 #pragma once
 
 #include "calib/model/board.h"
@@ -28,19 +27,24 @@ enum class DistortionTerms {
   automatic,          // the set the data support: a richer one only where it lowers the Bayesian information criterion
 };
 
-/// What happens to corners that do not fit (a crease in the board, a reflection).
-enum class Outliers {
-  reject,  // robust loss first, then beyond 4 standard deviations left out
-  keep,    // plain least squares of everything: for comparison with programs that do that
+enum class CalibrationMethod {
+  // All at once, as above.
+  joint,
+  // For comparison with programs that work so: the camera from its own corners by plain least squares, every corner
+  // kept with
+  // the same weight, the board perfect; then the projector with camera and poses held, outliers in u left out. The
+  // covariance
+  // of the projector then leaves out what the camera contributes.
+  staged,
 };
 
 struct CalibrationOptions {
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;  // none or radial where one axis only is coded
-  Outliers outliers = Outliers::reject;
+  CalibrationMethod method = CalibrationMethod::joint;
   int min_poses = 3;
-  // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal: printed
-  // and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.
+  // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal:
+  // printed and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.
   double u_bow_relative = 1e-3;
   std::optional<double> pixel_mm = {};             // passed on to the Scanner for the paper's parameters
   std::optional<double> working_distance_mm = {};  // L; by default the boards' mean distance along the projector's axis
