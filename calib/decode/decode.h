@@ -32,12 +32,15 @@ namespace fringecal::decode {
 
 enum class Validity : std::uint8_t {
   valid = 0,
-  shadow = 1,          // the projector's light does not arrive: white - black, or 2B, is below the noise
-  saturated = 2,       // a phase frame (or the white frame) is at the camera's upper limit
-  low_modulation = 3,  // B below the limit of the options
-  inconsistent_code =
-      4,  // redundant result only: code and phase contradict each other by more than the redundancy can
-          // explain, m is outside of what the pattern holds, or a bit is undecided where it should not be
+  // The projector's light does not arrive: white - black, or B where these are not in the plan, is not above the noise.
+  shadow = 1,
+  // A phase frame is at the camera's upper limit; without phase patterns, the white frame.
+  saturated = 2,
+  // B below the limit of the options.
+  low_modulation = 3,
+  // Redundant result only: code and phase contradict each other by more than the redundancy can explain, m is outside
+  // of what the pattern holds, or a bit is undecided where it should not be (gray.h, eqs. 4, 6, 7).
+  inconsistent_code = 4,
 };
 
 /// The word for people and JSON: "valid", "shadow", "saturated", "low modulation", "inconsistent code".

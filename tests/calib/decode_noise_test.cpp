@@ -118,10 +118,10 @@ TEST(NoiseModel, OfTooFewPixelsIsAssumedAndSaysSo) {
 }
 
 TEST(OrderErrors, VanishWithRedundancyAtLowModulation) {
-  // B = 20, sigma = 2: u(phi) / 2 pi = 0.011 p, a Gray level is 15.7 / 2.2 = 7 deviations from its threshold. Plain decoding
-  // fails at the edges themselves. With two stripes per period an error needs an edge p / 8 out of place, 11 u. With one, the
-  // margin between the two bits is 3.5 deviations: 2.3e-4 of the outer quarter are 7 pixels, and as many again at the wrap,
-  // where phase and bit both have to be wrong; 40 is four standard deviations above their sum.
+  // B = 20, sigma = 2: u(phi) / 2 pi = 0.011 p, a Gray level is 15.7 / 2.2 = 7 deviations from its threshold. Plain
+  // decoding fails at the edges themselves. With two stripes per period an error needs an edge p / 8 out of place, 11
+  // u. With one, the margin between the two bits is 3.5 deviations: 2.3e-4 of the outer quarter are 7 pixels, and as
+  // many again at the wrap, where phase and bit both have to be wrong; 40 is four standard deviations above their sum.
   for (const int per_period : {1, 2}) {
     FringeScene s = noisy_scene(4, per_period, 2.0, 0);
     s.modulation = 20;
