@@ -51,7 +51,7 @@ struct Field {
 
 Field triangulate_all(const decode::PhaseMap& map, const model::Scanner& scanner, ReconstructionModel kind) {
   const int width = map.width(), height = map.height();
-  Field field{Image<Eigen::Vector3d>(width, height), Image<float>(width, height),
+  Field field{Image<Eigen::Vector3d>(width, height, Eigen::Vector3d::Zero()), Image<float>(width, height),
               Image<Fate>(width, height, Fate::invalid)};
   const bool closed_form = kind != ReconstructionModel::full;
   if (closed_form && map.axis != scanner.projector.main_axis()) {
@@ -69,25 +69,27 @@ Field triangulate_all(const decode::PhaseMap& map, const model::Scanner& scanner
       const Eigen::Vector2d pixel(x, y);
       const auto ray = scanner.camera.ray(pixel);
       if (!ray) continue;
-      const auto point = [&]() -> std::optional<Eigen::Vector3d> {
-        if (!closed_form) {
-          return model::triangulate_ray(scanner.projector, scanner.proj_from_cam, map.axis, *ray, map.u_at(x, y));
-        }
-        if (!std::isfinite(phi_ref(x, y))) return std::nullopt;
+      Eigen::Vector3d point = Eigen::Vector3d::Zero();
+      if (!closed_form) {
+        const auto met =
+            model::triangulate_ray(scanner.projector, scanner.proj_from_cam, map.axis, *ray, map.u_at(x, y));
+        if (!met) continue;
+        point = *met;
+      } else {
+        if (!std::isfinite(phi_ref(x, y))) continue;
         const bool distorted = kind == ReconstructionModel::chen2008;
         const auto in_world = paper.point_mm(pixel, map.phase_rad(x, y), phi_ref(x, y), distorted);
-        if (!in_world) return std::nullopt;
-        return cam_from_world * *in_world;
-      }();
-      if (!point) continue;
+        if (!in_world) continue;
+        point = cam_from_world * *in_world;
+      }
       // Eq. 1 by a central difference of 0.02 mm: its error, the third derivative, is below 1e-9 of du/dl.
       const Eigen::Vector3d direction = scanner.proj_from_cam.rotation * ray->normalized();
-      const Eigen::Vector3d in_proj = scanner.proj_from_cam * *point;
+      const Eigen::Vector3d in_proj = scanner.proj_from_cam * point;
       const auto ahead = scanner.projector.project(map.axis, in_proj + 0.01 * direction);
       const auto behind = scanner.projector.project(map.axis, in_proj - 0.01 * direction);
       const double slope = ahead && behind ? std::abs(*ahead - *behind) / 0.02 : 0.0;
       if (!(slope > 0)) continue;
-      field.point_in_cam(x, y) = *point;
+      field.point_in_cam(x, y) = point;
       field.u_along_ray_mm(x, y) = static_cast<float>(mm_per_rad * map.u_phase_rad(x, y) / slope);
       field.fate(x, y) = Fate::point;
     }
