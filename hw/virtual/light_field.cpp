@@ -47,6 +47,7 @@ class Tracer {
   const model::Projector& projector_;
   Eigen::Vector3d pupil_in_world_;
   double power_, working_distance_mm_, grating_width_mm_, half_width_tangent_;
+  double edge_mm_;  // the edge of the coded field is blurred over twice this
 };
 
 Tracer::Tracer(const std::vector<Solid>& solids, const Viewpoint& view, const Preset& preset)
@@ -55,7 +56,8 @@ Tracer::Tracer(const std::vector<Solid>& solids, const Viewpoint& view, const Pr
       power_(preset.projector.modulation / grating_.modulation_at_centre()),
       working_distance_mm_(preset.geometry.working_distance_mm),
       grating_width_mm_(preset.grating_width_mm()),
-      half_width_tangent_(0.5 * preset.grating_width_mm() / preset.projector.focal_length_mm) {
+      half_width_tangent_(0.5 * preset.grating_width_mm() / preset.projector.focal_length_mm),
+      edge_mm_(6.0 * std::max(grating_.sigma_mm(0.0), grating_.sigma_mm(2.0))) {
   const Rigid3 preset_from_proj = view.preset_from_cam * view.scanner.proj_from_cam.inverse();
   pupil_in_world_ = preset_from_proj.translation_mm;
   for (const Solid& solid : solids) {
@@ -111,10 +113,10 @@ void Tracer::illuminate(Hit& hit) const {
   model::distort(projector_.distortion.data(), x, y, xd, yd);
   const double u = projector_.x->f * xd + projector_.x->u0;
   const double rho2 = (xd * xd + yd * yd) / (half_width_tangent_ * half_width_tangent_);
-  const double sigma = grating_.sigma_mm(grating_.first_harmonic(rho2));
-  if (u < -6 * sigma || u > grating_width_mm_ + 6 * sigma || shadowed(hit.object, point)) return;
+  if (u < -edge_mm_ || u > grating_width_mm_ + edge_mm_ || shadowed(hit.object, point)) return;
   double window = 1.0;
-  if (u < 6 * sigma || u > grating_width_mm_ - 6 * sigma) {
+  if (u < edge_mm_ || u > grating_width_mm_ - edge_mm_) {
+    const double sigma = grating_.sigma_mm(rho2);
     window = normal_cdf(u / sigma) - normal_cdf((u - grating_width_mm_) / sigma);
   }
   const double relative_distance = working_distance_mm_ / distance;
@@ -179,14 +181,13 @@ Painter::Painter(const Tracer& tracer, const RayField& rays, LightField& field, 
 
 LightField::Extra Painter::place(int x, const Moments& m) const {
   const double phase = 2.0 * std::numbers::pi * m.u_mm / period_mm_ - std::numbers::pi;
-  const double sigma = tracer_.grating().sigma_mm(tracer_.grating().first_harmonic(m.rho2));
+  const double sigma = tracer_.grating().sigma_mm(m.rho2);
   const double sigma_seen = std::sqrt(sigma * sigma + m.variance_mm2);  // eq. 2
-  const double k = 2.0 * std::numbers::pi * sigma_seen / period_mm_;
   return {x,
           static_cast<float>(m.u_mm),
           static_cast<float>(std::cos(phase)),
           static_cast<float>(std::sin(phase)),
-          static_cast<float>(std::exp(-0.5 * k * k)),
+          static_cast<float>(tracer_.grating().first_harmonic(sigma_seen)),
           static_cast<float>(1.0 / sigma_seen),
           static_cast<float>(m.light)};
 }
