@@ -23,17 +23,24 @@
 #include "core/image.h"
 #include "core/result.h"
 
+#include <array>
 #include <cstdint>
+#include <optional>
+#include <string>
 
 namespace fringecal::decode {
 
 enum class Validity : std::uint8_t {
   valid = 0,
-  shadow = 1,             // the projector's light does not arrive: white - black, or 2B, is below the noise
-  saturated = 2,          // a phase frame (or the white frame) is at the camera's upper limit
-  low_modulation = 3,     // B below the limit of the options
-  inconsistent_code = 4,  // code and phase contradict each other by more than the redundancy can explain, or m is
-                          // outside of what the pattern holds
+  // The projector's light does not arrive: white - black, or B where these are not in the plan, is not above the noise.
+  shadow = 1,
+  // A phase frame is at the camera's upper limit; without phase patterns, the white frame.
+  saturated = 2,
+  // B below the limit of the options.
+  low_modulation = 3,
+  // Redundant result only: code and phase contradict each other by more than the redundancy can explain, m is outside
+  // of what the pattern holds, or a bit is undecided where it should not be (gray.h, eqs. 4, 6, 7).
+  inconsistent_code = 4,
 };
 
 /// The word for people and JSON: "valid", "shadow", "saturated", "low modulation", "inconsistent code".
@@ -65,7 +72,7 @@ struct PhaseMap {
   Image<float> wrapped_rad;      // (-pi, pi]; empty without phase patterns
   Image<float> modulation;       // B in grey levels; without phase patterns half the difference of the references
   Image<float> mean;             // A in grey levels
-  Image<float> u_phase_rad;      // eq. 4
+  Image<float> u_phase_rad;      // eq. 4; quiet NaN where not valid
   Image<std::uint8_t> validity;  // Validity
   NoiseModel noise;
 
@@ -78,6 +85,16 @@ struct PhaseMap {
 
 /// Number of pixels per Validity, in its order.
 std::array<std::size_t, 5> count_validity(const PhaseMap& map);
+
+/// What a person wants to know of a map first. Medians are over the valid pixels, absent where there are none.
+struct DecodeSummary {
+  std::array<std::size_t, 5> counts{};  // as count_validity
+  std::optional<double> median_u_phase_rad;
+  std::optional<double> median_u_pattern;   // the same as a length on the pattern, in the code's unit
+  std::optional<double> median_modulation;  // grey levels
+  double mean_level = 0;                    // mean of A over all pixels, grey levels
+};
+DecodeSummary summary_of(const PhaseMap& map);
 
 /// Throws InputError where the capture has no code along that axis. Deterministic, whatever the thread count.
 PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions& options = {});
