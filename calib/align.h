@@ -33,7 +33,7 @@ namespace fringecal::calib {
 struct GratingLayout {
   double pattern_pitch_mm = 0;  // d along the slide
   /// Slot of each Gray bit and of each phase step along the slide, in pitches. Empty: GC0 .. GC(n-1), PS0 .. PS(N-1).
-  std::vector<int> gray_slots, phase_slots;
+  std::vector<int> gray_slots = {}, phase_slots = {};
   /// Standard uncertainty of one pattern's place across the fringes: lithography 0.2 um and slide 0.3 um together.
   double u_placement_mm = 0.00036;
   /// Straightness of the slide across the fringes, peak to peak over the travel; 0 for none.

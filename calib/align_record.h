@@ -14,8 +14,8 @@ namespace fringecal::calib {
 struct AlignmentIteration {
   std::string capture;         // name or folder
   double turn_before_rad = 0;  // made just before this capture
-  Misalignment measured;
-  AlignmentStep step;
+  Misalignment measured = {};
+  AlignmentStep step = {};
 };
 
 /// Every figure with its unit in the key (um, mrad, px), as reports and --json show it.
