@@ -277,7 +277,11 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   }
   auto report = solve_bundle(bundle, settings);
   if (!report) return tl::unexpected(report.error());
-  if (staged) report->covariance = side_by_side(alone->covariance, report->covariance);
+  if (staged) {
+    report->covariance = side_by_side(alone->covariance, report->covariance);
+    report->camera_rms_px = alone->camera_rms_px;
+    report->scale_camera = alone->scale_camera;
+  }
   for (const auto& [name, f] : {std::pair<std::string, double>{"camera.fx_px", bundle.camera.fx_px},
                                 {"projector.x.f", bundle.projector->x ? bundle.projector->x->f : 1.0},
                                 {"projector.y.f", bundle.projector->y ? bundle.projector->y->f : 1.0}}) {

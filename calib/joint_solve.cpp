@@ -460,6 +460,9 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   };
 
   Eigen::Vector2d scales = settings.fixed_scales.value_or(Eigen::Vector2d(1, 1));
+  // Rejection never works with a smaller standard deviation than the robust passes found: what is left after each round of
+  // leaving out scatters less, and judged by that the data would be eroded.
+  Eigen::Vector2d robust_scales(0, 0);
   const bool may_reject = !settings.fixed_scales && settings.outliers == Outliers::reject;
   if (may_reject) {
     // Robust passes. The scale of the loss comes from the residuals themselves; it starts wide, at the start's own
@@ -478,7 +481,7 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
     if (!after) return failed();
     scales[0] *= robust_scale(after->residuals, problem.groups(), Group::camera);
     scales[1] *= robust_scale(after->residuals, problem.groups(), Group::projector);
-    scales = scales.cwiseMax(kLeastScale);
+    scales = robust_scales = scales.cwiseMax(kLeastScale);
     problem.build(scales, 0);
     const auto whitened = problem.linearise(false);
     if (!whitened) return failed();
@@ -519,9 +522,10 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
       }
       factor[g] = std::max(std::sqrt(chi2[g] / redundancy), 1e-9);  // eq. 2
     }
+    const Eigen::Vector2d judged = factor.cwiseMax(robust_scales.cwiseQuotient(scales));
     for (std::size_t i = 0; i < linear.residuals.size(); ++i) {
-      if (problem.groups()[i] == Group::camera) linear.residuals[i] /= factor[0];
-      if (problem.groups()[i] == Group::projector) linear.residuals[i] /= factor[1];
+      if (problem.groups()[i] == Group::camera) linear.residuals[i] /= judged[0];
+      if (problem.groups()[i] == Group::projector) linear.residuals[i] /= judged[1];
     }
     const int rejected = may_reject ? reject(bundle, problem, linear.residuals) : 0;
     report.n_rejected += rejected;

@@ -49,19 +49,27 @@ TEST(PrintedBoard, IsAParaboloidWithItsBowAtTheOutermostCorners) {
   }
 }
 
-// An edge through the parallelogram at a fraction f of its side: mean f black + (1 - f) white, to 1/256 of the side;
-// the light's centre is that of the white part.
-TEST(PrintedBoard, AveragesItsInkOverAPixelToOnePartIn256) {
+// An edge at d px from the middle: Phi(d / s) smeared over the pixel, here by Simpson's rule; 1/128 of the light is the
+// samples' resolution. The light's centre on a black edge lies at the white side by sum-of-Gaussians; its sign is
+// enough.
+TEST(PrintedBoard, IsSeenThroughThePointSpread) {
   PatternBoard shape = chessboard();
   shape.u_print_mm = 0;
   const PrintedBoard board(shape, read_preset("chen2008"), 7);
+  const PointSpread spread(0.6);
   const Eigen::Vector2d corner = board.corner_mm(4, 4).head<2>();
-  for (const double f : {0.1, 0.35, 0.5, 0.77}) {
-    // Square (4, 4) is black: right of the vertical edge, 10 mm below the corner.
-    const auto mean = board.footprint(corner + Eigen::Vector2d(0.3 * (f - 0.5), 10), {0.3, 0}, {0, 0.3});
-    EXPECT_NEAR(mean.albedo, 1 - f * 0.95, 0.95 / 256 + 1e-9) << f;
-    const double white_middle = -0.5 * f, black_middle = 0.5 * (1 - f);
-    EXPECT_NEAR(mean.centroid.x(), ((1 - f) * white_middle + 0.05 * f * black_middle) / (1 - f * 0.95), 0.01) << f;
+  for (const double d : {-1.2, -0.4, 0.0, 0.3, 0.9}) {
+    // Square (4, 4) is black: right of the vertical edge, 10 mm below the corner. The pixel's middle d px left of the
+    // edge.
+    const auto seen = board.seen(corner + Eigen::Vector2d(-0.3 * d, 10), {0.3, 0}, {0, 0.3}, spread);
+    double white = 0;
+    for (int k = 0; k <= 200; ++k) {
+      const double weight = (k == 0 || k == 200 ? 1.0 : k % 2 == 1 ? 4.0 : 2.0) / 600.0;
+      white += weight * 0.5 * std::erfc(-(d + k / 200.0 - 0.5) / 0.6 / std::sqrt(2.0));
+    }
+    EXPECT_NEAR(seen.albedo, white + 0.05 * (1 - white), 0.95 / 128) << d;
+    EXPECT_LT(seen.centroid.x(), 0);
+    EXPECT_NEAR(seen.centroid.y(), 0, d > 0.2 ? 0.067 : 0.5);
   }
 }
 

@@ -26,11 +26,11 @@ double blurred(const std::vector<bool>& bright, double cell_mm, double first_mm,
   return sum;
 }
 
-double rendered(const Grating& grating, const Pattern& pattern, double period_mm, double u_mm, double e1) {
+double rendered(const Grating& grating, const Pattern& pattern, double period_mm, double u_mm, double sigma_mm) {
   const double phase = 2 * std::numbers::pi * u_mm / period_mm - std::numbers::pi;
   const std::array<float, 1> u{static_cast<float>(u_mm)}, c{static_cast<float>(std::cos(phase))},
-      s{static_cast<float>(std::sin(phase))}, e{static_cast<float>(e1)},
-      i{static_cast<float>(1 / grating.sigma_mm(e1))}, light{1.0F};
+      s{static_cast<float>(std::sin(phase))}, e{static_cast<float>(grating.first_harmonic(sigma_mm))},
+      i{static_cast<float>(1 / sigma_mm)}, light{1.0F};
   std::array<float, 1> out{};
   grating.project(pattern, 0.0, {u, c, s, e, i, light}, 0.0, 1.0, out);
   return out[0];
@@ -48,13 +48,13 @@ TEST_P(GratingOf, ShowsTheBlurredBinaryCodeToOneTenThousandth) {
   const double p = preset.grating.code.period, stripe = p / stripes_per_period, width = stripe * (1 << bits),
                dark = 0.01;
   for (const double rho2 : {0.0, 1.0}) {
-    const double e1 = grating.first_harmonic(rho2), sigma = grating.sigma_mm(e1);
+    const double sigma = grating.sigma_mm(rho2);
     for (int k = 0; k < bits; ++k) {
       std::vector<bool> bright;
       for (int i = 0; i < 1 << bits; ++i) bright.push_back((((i ^ (i >> 1)) >> (bits - 1 - k)) & 1) != 0);
       for (double u = p; u < width - p; u += width / 517) {
         const double exact = dark + (1 - dark) * blurred(bright, stripe, 0, u, sigma);
-        ASSERT_NEAR(rendered(grating, {PatternKind::gray, CodeAxis::x, k, false}, p, u, e1), exact, 1e-4)
+        ASSERT_NEAR(rendered(grating, {PatternKind::gray, CodeAxis::x, k, false}, p, u, sigma), exact, 1e-4)
             << k << " " << u;
       }
     }
@@ -66,7 +66,7 @@ TEST_P(GratingOf, ShowsTheBlurredBinaryCodeToOneTenThousandth) {
       }
       for (double u = 0; u < 2 * p; u += p / 53) {
         const double exact = dark + (1 - dark) * blurred(fine, p / 8, -4 * p, u, sigma);
-        ASSERT_NEAR(rendered(grating, {PatternKind::phase, CodeAxis::x, k, false}, p, u, e1), exact, 1e-4)
+        ASSERT_NEAR(rendered(grating, {PatternKind::phase, CodeAxis::x, k, false}, p, u, sigma), exact, 1e-4)
             << k << " " << u;
       }
     }
@@ -82,8 +82,8 @@ TEST(Grating, PhaseStepZeroIsTheNextGrayBit) {
   const Grating grating(preset);
   const double p = preset.grating.code.period, quarter = p / 4;
   for (int i = 0; i < 256; ++i) {
-    const double value = rendered(grating, {PatternKind::phase, CodeAxis::x, 0, false}, p, (i + 0.5) * quarter,
-                                  grating.first_harmonic(0));
+    const double value =
+        rendered(grating, {PatternKind::phase, CodeAxis::x, 0, false}, p, (i + 0.5) * quarter, grating.sigma_mm(0));
     EXPECT_EQ(value > 0.5, ((i ^ (i >> 1)) & 1) != 0) << i;
   }
 }
@@ -92,7 +92,7 @@ TEST(Grating, BlurLeavesTheThirdHarmonicOfThePreset) {
   const Grating grating(read_preset("chen2008"));
   // exp(-4 x^2) / 3 with x = 2 pi sigma / p, from the specification.
   for (const auto& [rho2, ratio] : {std::pair(0.0, 0.012), std::pair(1.0, 0.020)}) {
-    const double x = 2 * std::numbers::pi * grating.sigma_mm(grating.first_harmonic(rho2)) / 0.24;
+    const double x = 2 * std::numbers::pi * grating.sigma_mm(rho2) / 0.24;
     EXPECT_NEAR(std::exp(-4 * x * x) / 3, ratio, 1e-12);
   }
 }
