@@ -9,6 +9,7 @@ namespace {
 
 const Eigen::Matrix3d kPose = rotation_from_vector({0.3, -0.4, 0.1}).toRotationMatrix();
 const Eigen::Matrix3d kProjector = rotation_from_vector({0.01, -0.38, 0.02}).toRotationMatrix();
+// Far from the lens's axis, where every distortion term has a derivative of its own: on the axis they vanish.
 const BoardPlace kPlace{{120, 60}, {0.4, -0.7}};
 
 /// Numeric derivatives with Ridders' method are good to about 1e-9 of the derivative for functions this smooth; 1e-6 is
@@ -35,7 +36,7 @@ TEST_P(BundleGradient, OfTheCameraIsTheNumericOne) {
   expect_gradient(cost, {{3721, 3719, 708, 512},
                          {-0.1, 0.06, 2e-4, -1.5e-4, 0.3},
                          w_,
-                         {-100, -60, 1050},
+                         {-250, 70, 900},
                          {1e-4},
                          {0.1, -0.05},
                          {0.01, -0.02}});
@@ -50,7 +51,7 @@ TEST_P(BundleGradient, OfTheProjectorIsTheNumericOne) {
                            w_,
                            {400, 3, 1},
                            w_,
-                           {-100, -60, 1050},
+                           {-250, 70, 900},
                            {1e-4},
                            {0.1, -0.05},
                            {0.01, -0.02}});
