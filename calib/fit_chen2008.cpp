@@ -209,16 +209,17 @@ Result<model::FittedChen2008> fit_chen2008(const model::Scanner& full, const Wor
                                .z_min_mm = volume.z_min_mm,
                                .z_max_mm = volume.z_max_mm,
                                .samples = static_cast<int>(samples.size())};
-  double squares = 0, largest = 0;
+  Eigen::Vector3d squares = Eigen::Vector3d::Zero();
+  double largest = 0;
   for (const Sample& s : samples) {
     const auto point = fitted.model.point_mm(s.pixel, s.phi_obj, s.phi_ref, distorted);
     if (!point) return unanswerable("the fitted closed form has no point where the full model has one");
-    const double square = (*point - s.point_mm).squaredNorm();
-    squares += square;
-    largest = std::max(largest, square);
+    const Eigen::Vector3d error = *point - s.point_mm;
+    squares += error.cwiseAbs2();
+    largest = std::max(largest, error.norm());
   }
-  fitted.rms_mm = weight * std::sqrt(squares);
-  fitted.max_mm = std::sqrt(largest);
+  fitted.rms_xyz_mm = weight * squares.cwiseSqrt();
+  fitted.max_mm = largest;
   return fitted;
 }
 

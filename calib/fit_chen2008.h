@@ -11,8 +11,10 @@
 // B = s sin(alpha): f_C, alpha, j_C are three for two, and only the damping term holds them, near the geometric set.
 // With distortion its centre determines j_C. Elsewhere the damping costs next to nothing: by (1) the rms is at most
 // lambda |(q* - q_0) / s| above that of the undamped minimum q*.
-// Frame `world`, mm. Why geometric parameters are not enough: on a projector axis tilted by 0.4 deg the camera's pupil
-// is 2 mm off the height L that the closed form takes for both pupils: 0.2 % of scale. [Chen2008]
+// What no parameter takes up stays in the residual: a roll of the camera about its axis (Y sheared by roll times X) and
+// a pupil off along the fringes. Frame `world`, mm. Why geometric parameters are not enough: on a projector axis tilted
+// by 0.4 deg the camera's pupil is 2 mm off the height L that the closed form takes for both pupils: 0.2 % of scale.
+// [Chen2008]
 #pragma once
 
 #include "calib/model/scanner.h"

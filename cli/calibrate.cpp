@@ -74,9 +74,14 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
                                .set("corners_used", r.corners_used)
                                .set("corners_rejected", r.corners_rejected)
                                .set("method", s.method);
-  if (s.paper_model) out.set("paper_rms_mm", s.paper_model->rms_mm);
-  if (s.paper_ideal_model) out.set("paper_ideal_rms_mm", s.paper_ideal_model->rms_mm);
+  if (s.paper_model) out.set("paper_rms_xyz_mm", Value::numbers(s.paper_model->rms_xyz_mm));
+  if (s.paper_ideal_model) out.set("paper_ideal_rms_xyz_mm", Value::numbers(s.paper_ideal_model->rms_xyz_mm));
   fmt::print("{}", to_json(out));
+}
+
+std::string rms_words(const model::FittedChen2008& fitted) {
+  const auto& rms = fitted.rms_xyz_mm;
+  return fmt::format("{:.4f}, {:.4f}, {:.4f} mm rms in X, Y, Z", rms.x(), rms.y(), rms.z());
 }
 
 /// without_paper: why the paper's closed form was not fitted, where it was not.
@@ -96,8 +101,9 @@ void print_text(const Options& options, const model::Scanner& s, const std::vect
   fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n", r.camera_rms_px,
              r.projector_rms, r.projector_unit, r.grid_rms_mm);
   if (s.paper_model && s.paper_ideal_model) {
-    fmt::print("  the paper's closed form, fitted for Z = {:.0f} to {:.0f} mm: eqs. 1-20 {:.4f} mm rms, eqs. 1-17 {:.4f} mm\n",
-               s.paper_model->z_min_mm, s.paper_model->z_max_mm, s.paper_model->rms_mm, s.paper_ideal_model->rms_mm);
+    fmt::print("  the paper's closed form, fitted for Z = {:.0f} to {:.0f} mm: eqs. 1-20 {}, eqs. 1-17 {}\n",
+               s.paper_model->z_min_mm, s.paper_model->z_max_mm, rms_words(*s.paper_model),
+               rms_words(*s.paper_ideal_model));
   } else {
     fmt::print("  {}\n", without_paper);
   }

@@ -10,7 +10,6 @@
 
 #include <cmath>
 #include <numbers>
-#include <tuple>
 
 namespace fringecal::cli {
 namespace {
@@ -120,17 +119,20 @@ std::vector<reports::Parameter> paper_parameters(const model::Scanner& scanner) 
     if (ideal) meaning += fmt::format("; eqs. 1-17 fitted {:.6g}", ideal->model.*row.place * row.factor);
     out.push_back({row.name, fitted ? fitted->model.*row.place * row.factor : value, {}, row.unit, meaning});
   }
-  for (const auto& [set, name, meaning] :
-       {std::tuple(fitted, "rms, eqs. 1-20", "fitted closed form against full rays over the working volume"),
-        std::tuple(ideal, "rms, eqs. 1-17", "the same without distortion")}) {
-    if (!set) continue;
-    out.push_back({name,
-                   set->rms_mm,
-                   {},
-                   "mm",
-                   fmt::format("{}, Z = {:.0f} to {:.0f} mm; largest {:.2g} mm", meaning, set->z_min_mm, set->z_max_mm,
-                               set->max_mm)});
-  }
+  const auto add_rms = [&](const std::optional<model::FittedChen2008>& set, const std::string& equations) {
+    if (!set) return;
+    const char* kAxes[] = {"X", "Y", "Z"};
+    for (int k = 0; k < 3; ++k) {
+      out.push_back(
+          {fmt::format("rms {}, eqs. {}", kAxes[k], equations),
+           set->rms_xyz_mm[k],
+           {},
+           "mm",
+           fmt::format("fitted closed form against full rays, Z = {:.0f} to {:.0f} mm", set->z_min_mm, set->z_max_mm)});
+    }
+  };
+  add_rms(fitted, "1-20");
+  add_rms(ideal, "1-17");
   return out;
 }
 

@@ -142,7 +142,7 @@ Value to_value(const FittedChen2008& fitted) {
       .set("kp2_per_mm4", m.kp2_per_mm4)
       .set("z_min_mm", fitted.z_min_mm)
       .set("z_max_mm", fitted.z_max_mm)
-      .set("rms_mm", fitted.rms_mm)
+      .set("rms_xyz_mm", Value::numbers(fitted.rms_xyz_mm))
       .set("max_mm", fitted.max_mm)
       .set("samples", fitted.samples);
 }
@@ -166,7 +166,8 @@ FittedChen2008 fitted_chen2008_from(Fields f, CodeAxis axis) {
   m.kp2_per_mm4 = f.number("kp2_per_mm4");
   fitted.z_min_mm = f.number("z_min_mm");
   fitted.z_max_mm = f.number("z_max_mm");
-  fitted.rms_mm = f.number("rms_mm");
+  const auto rms = f.numbers("rms_xyz_mm", 3);
+  fitted.rms_xyz_mm = {rms[0], rms[1], rms[2]};
   fitted.max_mm = f.number("max_mm");
   fitted.samples = f.integer("samples");
   f.finish();

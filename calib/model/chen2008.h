@@ -54,8 +54,11 @@ Chen2008Model chen2008_from(const Scanner& scanner);
 struct FittedChen2008 {
   Chen2008Model model;
   double z_min_mm = 0, z_max_mm = 0;  // the volume: what camera and grating both see between these heights
-  double rms_mm = 0, max_mm = 0;      // distances between the closed form's points and the full model's
+  Eigen::Vector3d rms_xyz_mm = Eigen::Vector3d::Zero();  // closed form minus full model, in world
+  double max_mm = 0;                                     // largest distance between the two
   int samples = 0;
+
+  double rms_mm() const { return rms_xyz_mm.norm(); }
 };
 Value to_value(const FittedChen2008& fitted);
 /// The code axis is not in the table: it is the scanner's main axis.
