@@ -8,12 +8,13 @@
 //   Y_E = d_Y (i_C - i) (16);  X = X_A (1 - Z/L) (8);  Y = Y_E (1 - Z/L) (17)
 // Distortion: (i', j') from (18) replaces (i, j) in 14 and 16; X_A' = X_A + dX_A (19, 20) replaces X_A.
 // Reading: as printed, (19) corrects X_A in (8) only. The shift S on R is a difference of two such X; with a distorted
-// projector eq. 5 holds only for the corrected positions, so here S = X_A'(phi_obj) - X_A'(phi_ref). Our Y_A in (19) is
-// the Y of the lit ray on R, which for Z = 0 is Y_E (16). Valid where the paper's assumptions are: projector axis and
-// base line as in its Fig. 1; what the real geometry departs from that is not in the formulas, and the comparison shows
-// what it costs. Two sets of parameters: geometric (chen2008_from), and fitted over a working volume
-// (calib/fit_chen2008.h), which the Scanner file keeps: the closed form at its best on a geometry that is not quite the
-// paper's. [Chen2008]
+// projector eq. 5 holds only for the corrected positions, so here S = X_A'(phi_obj) - X_A'(phi_ref). As printed, Z
+// would keep the whole error that it has without (18) to (20): in the paper's geometry with the default instrument's
+// lenses, parameters fitted, 0.20 mm rms over 160 mm of depth, against 0.0004 mm here. Our Y_A in (19) is the Y of the
+// lit ray on R, which for Z = 0 is Y_E (16). Valid where the paper's assumptions are: projector axis and base line as
+// in its Fig. 1; what the real geometry departs from that is not in the formulas, and the comparison shows what it
+// costs. Two sets of parameters: geometric (chen2008_from), and fitted over a working volume (calib/fit_chen2008.h),
+// which the Scanner file keeps: the closed form at its best on a geometry that is not quite the paper's. [Chen2008]
 #pragma once
 
 #include "core/fields.h"

@@ -97,7 +97,11 @@ TEST(FitChen2008, DistortionTermsBringWhatTheLensesTake) {
   ASSERT_TRUE(with && without);
   RecordProperty("rms_with_mm", std::to_string(with->rms_mm()));
   RecordProperty("rms_without_mm", std::to_string(without->rms_mm()));
-  EXPECT_GT(without->rms_mm(), 10 * with->rms_mm());
+  // Lenses of 0.3 % of the field's edge: 0.29 mm rms are left without eqs. 18 to 20; with them, what two-term
+  // polynomials differ from the inverse of two-term polynomials, the r^6 terms: 0.7 um (both by an independent
+  // program).
+  EXPECT_NEAR(without->rms_mm(), 0.295, 0.03);
+  EXPECT_LT(with->rms_mm(), 0.002);
   EXPECT_EQ(without->model.kc1_per_mm2, 0);
   EXPECT_EQ(without->model.kp1_per_mm2, 0);
 }
