@@ -1,5 +1,5 @@
 #include "calib/calibrate.h"
-#include "calib/board_detection.h"
+#include "calib/fit_chen2008.h"
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -61,7 +61,7 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
   }
   for (const auto& d : dropped) lost.append(Value::object().set("name", d.name).set("reason", d.reason));
   const auto& r = s.residuals;
-  fmt::print("{}", to_json(Value::object()
+  Value out = Value::object()
                                .set("scanner", options.output)
                                .set("poses", r.poses)
                                .set("dropped", lost)
@@ -75,10 +75,20 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
                                .set("chi2_per_dof", r.chi2_per_dof)
                                .set("corners_used", r.corners_used)
                                .set("corners_rejected", r.corners_rejected)
-                               .set("method", s.method)));
+                               .set("method", s.method);
+  if (s.paper_model) out.set("paper_rms_xyz_mm", Value::numbers(s.paper_model->rms_xyz_mm));
+  if (s.paper_ideal_model) out.set("paper_ideal_rms_xyz_mm", Value::numbers(s.paper_ideal_model->rms_xyz_mm));
+  fmt::print("{}", to_json(out));
 }
 
-void print_text(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped) {
+std::string rms_words(const model::FittedChen2008& fitted) {
+  const auto& rms = fitted.rms_xyz_mm;
+  return fmt::format("{:.4f}, {:.4f}, {:.4f} mm rms in X, Y, Z", rms.x(), rms.y(), rms.z());
+}
+
+/// without_paper: why the paper's closed form was not fitted, where it was not.
+void print_text(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped,
+                const std::string& without_paper) {
   const auto& r = s.residuals;
   fmt::print("{}: {} poses, {} corners used, {} left out\n", options.output, r.poses, r.corners_used,
              r.corners_rejected);
@@ -91,8 +101,15 @@ void print_text(const Options& options, const model::Scanner& s, const std::vect
     }
   }
   fmt::print("  base line {:.3f} mm, working distance {:.2f} mm\n", s.base_mm(), s.working_distance_mm);
-  fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n",
-             r.camera_rms_px, r.projector_rms, r.projector_unit, r.grid_rms_mm);
+  fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n", r.camera_rms_px,
+             r.projector_rms, r.projector_unit, r.grid_rms_mm);
+  if (s.paper_model && s.paper_ideal_model) {
+    fmt::print("  the paper's closed form, fitted for Z = {:.0f} to {:.0f} mm: eqs. 1-20 {}, eqs. 1-17 {}\n",
+               s.paper_model->z_min_mm, s.paper_model->z_max_mm, rms_words(*s.paper_model),
+               rms_words(*s.paper_ideal_model));
+  } else {
+    fmt::print("  {}\n", without_paper);
+  }
   for (const auto& p : s.priors) fmt::print("  prior: {} = {} +- {:.3g}: {}\n", p.parameter, p.value, p.u, p.reason);
   fmt::print("  {}\n", s.method);
 }
@@ -120,8 +137,14 @@ void run(const Options& options) {
   scanner->name = std::filesystem::path(options.output).stem().string();
   scanner->provenance.inputs = views.inputs;
   scanner->provenance.inputs.emplace_back("board", sha256_of_file(options.board));
+  const auto with_paper = calib::with_paper_models(*scanner);
+  if (with_paper) scanner = with_paper;
   model::write_scanner(options.output, *scanner);
-  options.json ? print_json(options, *scanner, views.dropped) : print_text(options, *scanner, views.dropped);
+  if (options.json) {
+    print_json(options, *scanner, views.dropped);
+  } else {
+    print_text(options, *scanner, views.dropped, with_paper ? "" : with_paper.error().sentence);
+  }
 }
 
 }  // namespace

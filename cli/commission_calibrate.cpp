@@ -1,6 +1,7 @@
-// Step 2 of a commissioning: board poses, then camera and projector; and the ideal-lens calibration for comparison.
+// Step 2 of a commissioning: board poses, then camera and projector; and the paper's closed form fitted to them.
 #include "calib/board_detection.h"
 #include "calib/calibrate.h"
+#include "calib/fit_chen2008.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 
@@ -12,7 +13,7 @@ namespace fringecal::cli {
 
 void calibrate_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
                     const virt::InstrumentState& state, Progress& progress) {
-  if (session.has("scanner.json") && session.has("scanner_ideal.json") && session.has("calibration/poses.json")) {
+  if (session.has("scanner.json") && session.has("calibration/poses.json")) {
     progress.done(Weights::pose * kBoardPoses + Weights::solve, true);
     return;
   }
@@ -47,22 +48,18 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
     progress.done(Weights::pose);
   }
   progress.start("calibrating, solving for camera and projector");
-  const auto solve = [&](const calib::CalibrationOptions& options, const std::string& file) {
-    auto scanner = calib::calibrate(observations, board, width_px, height_px, instrument.plan(), options);
-    if (!scanner)
-      throw InputError(fmt::format("{}: {}", session.path("calibration").string(), scanner.error().sentence));
-    scanner->name = fmt::format("virtual {} seed {}", session.choices().preset, session.choices().seed);
-    scanner->provenance = provenance;
-    model::write_scanner(session.path(file), *scanner);
-    return *scanner;
-  };
   calib::CalibrationOptions options;
   options.pixel_mm = instrument.pixel_mm();
   options.working_distance_mm = instrument.design_working_distance_mm();
-  const auto scanner = solve(options, "scanner.json");
-  options.camera_terms = calib::DistortionTerms::none;
-  options.projector_terms = calib::DistortionTerms::none;
-  solve(options, "scanner_ideal.json");
+  const auto calibrated = calib::calibrate(observations, board, width_px, height_px, instrument.plan(), options);
+  const std::string folder = session.path("calibration").string();
+  if (!calibrated) throw InputError(fmt::format("{}: {}", folder, calibrated.error().sentence));
+  auto with_paper = calib::with_paper_models(*calibrated);
+  if (!with_paper) throw InputError(fmt::format("{}: {}", folder, with_paper.error().sentence));
+  model::Scanner& scanner = *with_paper;
+  scanner.name = fmt::format("virtual {} seed {}", session.choices().preset, session.choices().seed);
+  scanner.provenance = provenance;
+  model::write_scanner(session.path("scanner.json"), scanner);
   const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - begin;
   session.store("calibration/poses.json", Value::object().set("poses", poses).set("duration_s", duration.count()));
   progress.done(Weights::solve);

@@ -83,6 +83,59 @@ std::string unit_of(const std::string& name, const model::Scanner& scanner) {
   return "";
 }
 
+/// Value: fitted with eqs. 18 to 20; beside it the geometric one and, fitted, that of eqs. 1 to 17 alone.
+std::vector<reports::Parameter> paper_parameters(const model::Scanner& scanner) {
+  const auto geometric = model::chen2008_from(scanner);
+  const auto& fitted = scanner.paper_model;
+  const auto& ideal = scanner.paper_ideal_model;
+  const double deg = 180.0 / std::numbers::pi;
+  using M = model::Chen2008Model;
+  struct Row {
+    const char* name;
+    double M::*place;
+    double factor;
+    const char* unit;
+    const char* meaning;
+  };
+  static const Row kRows[] = {
+      {"L", &M::L_mm, 1, "mm", "working distance"},
+      {"b", &M::b_mm, 1, "mm", "base, camera to projector"},
+      {"alpha", &M::alpha_rad, deg, "deg", "angle between the optical axes"},
+      {"p_R", &M::p_R_mm, 1, "mm", "fringe period on the reference plane"},
+      {"phi_O", &M::phi_O_rad, 1, "rad", "phase on the projector's axis"},
+      {"f_C", &M::f_C_mm, 1, "mm", "focal length of the camera"},
+      {"i_C", &M::i_C_px, 1, "px", "principal point, row"},
+      {"j_C", &M::j_C_px, 1, "px", "principal point, column"},
+      {"kc1", &M::kc1_per_mm2, 1, "mm^-2", "camera, 2nd order, eq. 18"},
+      {"kc2", &M::kc2_per_mm4, 1, "mm^-4", "camera, 4th order, eq. 18"},
+      {"kp1", &M::kp1_per_mm2, 1, "mm^-2", "projector, 2nd order, eq. 19"},
+      {"kp2", &M::kp2_per_mm4, 1, "mm^-4", "projector, 4th order, eq. 19"},
+  };
+  std::vector<reports::Parameter> out;
+  for (const Row& row : kRows) {
+    const double value = geometric.*row.place * row.factor;
+    std::string meaning = row.meaning;
+    if (fitted) meaning += fmt::format("; geometric {:.6g}", value);
+    if (ideal) meaning += fmt::format("; eqs. 1-17 fitted {:.6g}", ideal->model.*row.place * row.factor);
+    out.push_back({row.name, fitted ? fitted->model.*row.place * row.factor : value, {}, row.unit, meaning});
+  }
+  const auto add_rms = [&](const std::optional<model::FittedChen2008>& set, const std::string& equations) {
+    if (!set) return;
+    const char* kAxes[] = {"X", "Y", "Z"};
+    for (int k = 0; k < 3; ++k) {
+      out.push_back(
+          {fmt::format("rms {}, eqs. {}", kAxes[k], equations),
+           set->rms_xyz_mm[k],
+           {},
+           "mm",
+           fmt::format("fitted closed form against full rays, Z = {:.0f} to {:.0f} mm", set->z_min_mm, set->z_max_mm)});
+    }
+  };
+  add_rms(fitted, "1-20");
+  add_rms(ideal, "1-17");
+  return out;
+}
+
 reports::CalibrationSection calibration_section(const CommissionSession& session, const model::Scanner& scanner,
                                                 double& duration_s) {
   reports::CalibrationSection section;
@@ -96,20 +149,7 @@ reports::CalibrationSection calibration_section(const CommissionSession& session
                                   .u = scanner.uncertainty.u(name),
                                   .unit = unit_of(name, scanner)});
   }
-  const auto paper = model::chen2008_from(scanner);
-  const double deg = 180.0 / std::numbers::pi;
-  section.paper_parameters = {
-      {"L", paper.L_mm, {}, "mm", "working distance"},
-      {"b", paper.b_mm, {}, "mm", "base, camera to projector"},
-      {"alpha", paper.alpha_rad * deg, {}, "deg", "angle between the optical axes"},
-      {"p_R", paper.p_R_mm, {}, "mm", "fringe period on the reference plane"},
-      {"phi_O", paper.phi_O_rad, {}, "rad", "phase on the projector's axis"},
-      {"f_C", paper.f_C_mm, {}, "mm", "focal length of the camera"},
-      {"kc1", paper.kc1_per_mm2, {}, "mm^-2", "camera, 2nd order, eq. 18"},
-      {"kc2", paper.kc2_per_mm4, {}, "mm^-4", "camera, 4th order, eq. 18"},
-      {"kp1", paper.kp1_per_mm2, {}, "mm^-2", "projector, 2nd order, eq. 19"},
-      {"kp2", paper.kp2_per_mm4, {}, "mm^-4", "projector, 4th order, eq. 19"},
-  };
+  section.paper_parameters = paper_parameters(scanner);
   const Value poses = session.load("calibration/poses.json");
   duration_s += number(poses, "duration_s");
   for (const Value& pose : list(poses, "poses")) {

@@ -65,8 +65,8 @@ CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& c
                                  folder_.string()));
   }
   if (begun && fresh) {
-    for (const char* part : {"alignment", "calibration", "verification", "report.html", "report.json", "scanner.json",
-                             "scanner_ideal.json", "truth.json"}) {
+    for (const char* part :
+         {"alignment", "calibration", "verification", "report.html", "report.json", "scanner.json", "truth.json"}) {
       fs::remove_all(folder_ / part, error);
       if (error) {
         throw EnvironmentError(

@@ -1,9 +1,12 @@
 // The steps of a commissioning on the virtual scanner, each resumable, each leaving its results as files in the
 // session.
-//   alignment/iteration-N/      Capture of the flat board        alignment/iteration-N.json   what was measured and
-//   done calibration/pose-NN/        Captures of the board            scanner.json, scanner_ideal.json,
-//   calibration/dropped.json verification/SCENE-NN.json  one repeat: every artefact through the three models; frames
-//   and deviation maps of the first
+//   alignment/iteration-N/     Capture of the flat board
+//   alignment/iteration-N.json what was measured and done
+//   calibration/pose-NN/       Captures of the board
+//   calibration/poses.json     which of them were used
+//   scanner.json               camera, projector, and the paper's closed form fitted to them
+//   verification/SCENE-NN.json one repeat: every artefact through the three models; frames and deviation maps of the
+//                              first
 #pragma once
 
 #include "cli/commission_session.h"

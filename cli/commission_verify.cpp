@@ -1,5 +1,5 @@
 // Step 3 of a commissioning: the paper's section 4. Plane, three spheres, cylinder, each ten times, through the full
-// model, the paper's eqs. 1 to 20, and its ideal eqs. 1 to 17.
+// model, the paper's eqs. 1 to 20, and its ideal eqs. 1 to 17, both with the parameters fitted to the same scanner.
 #include "cli/commission_steps.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -38,7 +38,6 @@ std::vector<VerificationScene> verification_scenes() {
 void verify_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
                  const virt::InstrumentState& state, Progress& progress) {
   const auto scanner = model::read_scanner(session.path("scanner.json"));
-  const auto ideal = model::read_scanner(session.path("scanner_ideal.json"));
   const auto scenes = verification_scenes();
   for (const auto& scene : scenes) {
     for (int repeat = 0; repeat < session.choices().repeats; ++repeat) {
@@ -59,9 +58,8 @@ void verify_step(const CommissionSession& session, const virt::VirtualScanner& i
                                         std::pair(metrology::ReconstructionModel::chen2008, "chen2008"),
                                         std::pair(metrology::ReconstructionModel::ideal, "ideal")}) {
         const bool full = model == metrology::ReconstructionModel::full;
-        const auto& through = model == metrology::ReconstructionModel::ideal ? ideal : scanner;
-        const auto cloud = metrology::reconstruct(map, through, {.model = model, .normals = false}).cloud;
-        const auto found = metrology::measure_artefacts(cloud, through, scene.artefacts);
+        const auto cloud = metrology::reconstruct(map, scanner, {.model = model, .normals = false}).cloud;
+        const auto found = metrology::measure_artefacts(cloud, scanner, scene.artefacts);
         if (!found) throw InputError(fmt::format("{} ({} model): {}", name, word, found.error().sentence));
         Value list = Value::array();
         for (const auto& m : *found) {

@@ -42,6 +42,12 @@ void check_they_belong_together(const decode::PhaseMap& map, const model::Scanne
   }
 }
 
+/// The closed form's parameters: fitted where the Scanner has them, else geometric.
+model::Chen2008Model closed_form_of(const model::Scanner& scanner, ReconstructionModel kind) {
+  const auto& fitted = kind == ReconstructionModel::ideal ? scanner.paper_ideal_model : scanner.paper_model;
+  return fitted ? fitted->model : model::chen2008_from(scanner);
+}
+
 /// The point of every pixel in cam, its u along the ray, and what became of it.
 struct Field {
   Image<Eigen::Vector3d> point_in_cam;
@@ -57,7 +63,7 @@ Field triangulate_all(const decode::PhaseMap& map, const model::Scanner& scanner
   if (closed_form && map.axis != scanner.projector.main_axis()) {
     throw InputError("the closed form measures along the scanner's main code axis only; use the full model");
   }
-  const model::Chen2008Model paper = closed_form ? model::chen2008_from(scanner) : model::Chen2008Model{};
+  const model::Chen2008Model paper = closed_form ? closed_form_of(scanner, kind) : model::Chen2008Model{};
   const Image<double> phi_ref = closed_form ? model::reference_phase(scanner) : Image<double>();
   const Rigid3 cam_from_world = scanner.world_from_cam().inverse();
   const double mm_per_rad = map.code.period / (2.0 * std::numbers::pi);

@@ -7,6 +7,8 @@
 //             u(l) = |du/dl|^-1 (p / 2 pi) u(phi),  l in mm along the ray                                         (1)
 // chen2008  Eqs. 1 to 17 of the paper with eqs. 18 to 20 for both lenses (calib/model/chen2008.h).
 // ideal     Eqs. 1 to 17 alone: no lens distortion. For comparison only; (1) is that of the full model in both.
+//           Both take the parameters that were fitted to this scanner (Scanner::paper_model, paper_ideal_model), each
+//           its own; where the file has none, the geometric ones (chen2008_from).
 //
 // Left out, and counted by the first reason that holds: pixels without phase; pixels whose ray does not meet the
 // plane of light; pixels at an edge, that is within `edge_margin_px` of one of these or of a jump in depth to a

@@ -1,5 +1,6 @@
 #include "calib/model/chen2008.h"
 
+#include "calib/model/scanner.h"
 #include "core/parallel.h"
 
 #include <Eigen/Dense>
@@ -121,6 +122,56 @@ Chen2008Model chen2008_from(const Scanner& scanner) {
   }
   std::tie(m.kp1_per_mm2, m.kp2_per_mm4) = projector_fit.coefficients();
   return m;
+}
+
+Value to_value(const FittedChen2008& fitted) {
+  const Chen2008Model& m = fitted.model;
+  return Value::object()
+      .set("L_mm", m.L_mm)
+      .set("b_mm", m.b_mm)
+      .set("alpha_rad", m.alpha_rad)
+      .set("p_R_mm", m.p_R_mm)
+      .set("phi_O_rad", m.phi_O_rad)
+      .set("f_C_mm", m.f_C_mm)
+      .set("s_mm", m.s_mm)
+      .set("i_C_px", m.i_C_px)
+      .set("j_C_px", m.j_C_px)
+      .set("kc1_per_mm2", m.kc1_per_mm2)
+      .set("kc2_per_mm4", m.kc2_per_mm4)
+      .set("kp1_per_mm2", m.kp1_per_mm2)
+      .set("kp2_per_mm4", m.kp2_per_mm4)
+      .set("z_min_mm", fitted.z_min_mm)
+      .set("z_max_mm", fitted.z_max_mm)
+      .set("rms_xyz_mm", Value::numbers(fitted.rms_xyz_mm))
+      .set("max_mm", fitted.max_mm)
+      .set("samples", fitted.samples);
+}
+
+FittedChen2008 fitted_chen2008_from(Fields f, CodeAxis axis) {
+  FittedChen2008 fitted;
+  Chen2008Model& m = fitted.model;
+  m.axis = axis;
+  m.L_mm = f.number("L_mm");
+  m.b_mm = f.number("b_mm");
+  m.alpha_rad = f.number("alpha_rad");
+  m.p_R_mm = f.number("p_R_mm");
+  m.phi_O_rad = f.number("phi_O_rad");
+  m.f_C_mm = f.number("f_C_mm");
+  m.s_mm = f.number("s_mm");
+  m.i_C_px = f.number("i_C_px");
+  m.j_C_px = f.number("j_C_px");
+  m.kc1_per_mm2 = f.number("kc1_per_mm2");
+  m.kc2_per_mm4 = f.number("kc2_per_mm4");
+  m.kp1_per_mm2 = f.number("kp1_per_mm2");
+  m.kp2_per_mm4 = f.number("kp2_per_mm4");
+  fitted.z_min_mm = f.number("z_min_mm");
+  fitted.z_max_mm = f.number("z_max_mm");
+  const auto rms = f.numbers("rms_xyz_mm", 3);
+  fitted.rms_xyz_mm = {rms[0], rms[1], rms[2]};
+  fitted.max_mm = f.number("max_mm");
+  fitted.samples = f.integer("samples");
+  f.finish();
+  return fitted;
 }
 
 Image<double> reference_phase(const Scanner& scanner) {

@@ -249,6 +249,8 @@ void write_scanner(const std::filesystem::path& file, const Scanner& s) {
                   .set("priors", priors)
                   .set("uncertainty", to_value(s.uncertainty));
   if (s.board) out.set("board", model::to_value(*s.board));
+  if (s.paper_model) out.set("paper_model", model::to_value(*s.paper_model));
+  if (s.paper_ideal_model) out.set("paper_ideal_model", model::to_value(*s.paper_ideal_model));
   out.set("cam_from_board", poses)
       .set("observations", observations)
       .set("provenance", fringecal::to_value(s.provenance));
@@ -272,6 +274,9 @@ Scanner read_scanner(const std::filesystem::path& file) {
   }
   s.uncertainty = covariance_from(f.table("uncertainty"));
   if (auto b = f.optional_table("board")) s.board = board_from(*b);
+  const CodeAxis axis = s.projector.main_axis();
+  if (auto m = f.optional_table("paper_model")) s.paper_model = fitted_chen2008_from(*m, axis);
+  if (auto m = f.optional_table("paper_ideal_model")) s.paper_ideal_model = fitted_chen2008_from(*m, axis);
   for (auto& pose : f.tables("cam_from_board")) s.cam_from_board.push_back(rigid_from(pose));
   for (auto& o : f.tables("observations")) s.observations.push_back(observation_from(o));
   s.provenance = provenance_from(f.table("provenance"));

@@ -137,6 +137,22 @@ TEST(Reconstruct, ClosedFormEqualsTheFullModelWhereThePapersGeometryIsExact) {
   }
 }
 
+TEST(Reconstruct, TakesTheFittedClosedFormWhereTheScannerHasOne) {
+  auto scanner = ideal_scanner();
+  const auto map = exact_map(scanner, test::plane({0, 0, 20}, Eigen::Vector3d::UnitZ()));
+  // A base twice as long halves the height of small shifts: eqs. 1, 2.
+  scanner.paper_model = model::FittedChen2008{.model = model::chen2008_from(scanner)};
+  scanner.paper_model->model.b_mm *= 2;
+  const auto paper = reconstruct(map, scanner, {.model = ReconstructionModel::chen2008, .edge_margin_px = 0}).cloud;
+  const auto ideal = reconstruct(map, scanner, {.model = ReconstructionModel::ideal, .edge_margin_px = 0}).cloud;
+  ASSERT_EQ(paper.points.size(), 320u * 240u);
+  for (const auto& p : paper.points) {
+    // S = 20 b / 980, so Z = L S / (2 b + S) = 1000 / 99.
+    ASSERT_NEAR(p.position_mm.z(), 1000.0 / 99.0, kFloatPhaseMm);
+  }
+  for (const auto& p : ideal.points) ASSERT_NEAR(p.position_mm.z(), 20.0, kFloatPhaseMm);
+}
+
 TEST(Reconstruct, RefusesACaptureOfAnotherInstrument) {
   const auto scanner = sample_scanner();
   const auto map = exact_map(scanner, test::plane({0, 0, 0}, Eigen::Vector3d::UnitZ()));
