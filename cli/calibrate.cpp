@@ -1,4 +1,5 @@
 #include "calib/calibrate.h"
+#include "calib/board_detection.h"
 #include "calib/fit_chen2008.h"
 #include "cli/commands.h"
 #include "core/error.h"
@@ -62,20 +63,20 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
   for (const auto& d : dropped) lost.append(Value::object().set("name", d.name).set("reason", d.reason));
   const auto& r = s.residuals;
   Value out = Value::object()
-                               .set("scanner", options.output)
-                               .set("poses", r.poses)
-                               .set("dropped", lost)
-                               .set("parameters", parameters)
-                               .set("base_mm", s.base_mm())
-                               .set("working_distance_mm", s.working_distance_mm)
-                               .set("camera_rms_px", r.camera_rms_px)
-                               .set("projector_rms", r.projector_rms)
-                               .set("projector_unit", r.projector_unit)
-                               .set("grid_rms_mm", r.grid_rms_mm)
-                               .set("chi2_per_dof", r.chi2_per_dof)
-                               .set("corners_used", r.corners_used)
-                               .set("corners_rejected", r.corners_rejected)
-                               .set("method", s.method);
+                  .set("scanner", options.output)
+                  .set("poses", r.poses)
+                  .set("dropped", lost)
+                  .set("parameters", parameters)
+                  .set("base_mm", s.base_mm())
+                  .set("working_distance_mm", s.working_distance_mm)
+                  .set("camera_rms_px", r.camera_rms_px)
+                  .set("projector_rms", r.projector_rms)
+                  .set("projector_unit", r.projector_unit)
+                  .set("grid_rms_mm", r.grid_rms_mm)
+                  .set("chi2_per_dof", r.chi2_per_dof)
+                  .set("corners_used", r.corners_used)
+                  .set("corners_rejected", r.corners_rejected)
+                  .set("method", s.method);
   if (s.paper_model) out.set("paper_rms_xyz_mm", Value::numbers(s.paper_model->rms_xyz_mm));
   if (s.paper_ideal_model) out.set("paper_ideal_rms_xyz_mm", Value::numbers(s.paper_ideal_model->rms_xyz_mm));
   fmt::print("{}", to_json(out));
@@ -101,8 +102,8 @@ void print_text(const Options& options, const model::Scanner& s, const std::vect
     }
   }
   fmt::print("  base line {:.3f} mm, working distance {:.2f} mm\n", s.base_mm(), s.working_distance_mm);
-  fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n", r.camera_rms_px,
-             r.projector_rms, r.projector_unit, r.grid_rms_mm);
+  fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n",
+             r.camera_rms_px, r.projector_rms, r.projector_unit, r.grid_rms_mm);
   if (s.paper_model && s.paper_ideal_model) {
     fmt::print("  the paper's closed form, fitted for Z = {:.0f} to {:.0f} mm: eqs. 1-20 {}, eqs. 1-17 {}\n",
                s.paper_model->z_min_mm, s.paper_model->z_max_mm, rms_words(*s.paper_model),

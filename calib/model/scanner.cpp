@@ -174,11 +174,11 @@ std::optional<double> ParameterCovariance::u(const std::string& name) const {
   return std::sqrt(covariance(i, i));
 }
 
-double Scanner::value_of(const std::string& name) const {
+double Scanner::value_of(const std::string& parameter) const {
   Scanner s = *this;
   Eigen::Vector3d rotation = vector_from_rotation(proj_from_cam.rotation);
   const auto places = parameter_places(s, rotation);
-  const auto place = places.find(name);
+  const auto place = places.find(parameter);
   require(place != places.end(), "a parameter is asked for by a name of the model");
   return *place->second;
 }
