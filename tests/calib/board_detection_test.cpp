@@ -6,6 +6,7 @@
 
 #include <Eigen/LU>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -52,10 +53,11 @@ GrayImage render(const model::Board& b, const Eigen::Matrix3d& h) {
       if (i < -1 || j < -1 || i >= b.columns || j >= b.rows) return 200.0;
       return (i + j) % 2 == 0 ? 40.0 : 200.0;
     }
-    for (int row = 0; row < b.rows; ++row) {
-      for (int column = 0; column < b.columns; ++column) {
-        if ((b.corner_mm(column, row).head<2>() - p).norm() < 5.0) return 40.0;
-      }
+    const int row = std::clamp(static_cast<int>(std::lround(p.y() / b.pitch_y_mm)), 0, b.rows - 1);
+    for (const int r : {std::max(row - 1, 0), row, std::min(row + 1, b.rows - 1)}) {
+      const double first = b.corner_mm(0, r).x();
+      const int column = std::clamp(static_cast<int>(std::lround((p.x() - first) / b.pitch_x_mm)), 0, b.columns - 1);
+      if ((b.corner_mm(column, r).head<2>() - p).squaredNorm() < 25.0) return 40.0;
     }
     return 200.0;
   };

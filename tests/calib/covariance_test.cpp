@@ -79,13 +79,13 @@ TEST(CalibrationCovariance, IsTheScatterOfRepeats) {
       }
     }
   }
-  constexpr int kRepeats = 40;
+  constexpr int kRepeats = 24;
   std::vector<std::string> names;
   Eigen::VectorXd squares;
   double point_squares = 0;
   for (int repeat = 0; repeat < kRepeats; ++repeat) {
     const auto seen =
-        test::views(truth, board, 12,
+        test::views(truth, board, 10,
                     {.print_mm = 0.010, .pitch_relative = 1e-4, .seed = 100 + static_cast<std::uint64_t>(repeat)});
     auto found = calib::calibrate(seen, board, 1392, 1040, test::known_plan(),
                                   {.camera_terms = calib::DistortionTerms::radial_tangential});
@@ -116,16 +116,16 @@ TEST(CalibrationCovariance, IsTheScatterOfRepeats) {
       point_squares += (at - s.point).cwiseAbs2().cwiseQuotient(u2.diagonal()).mean();
     }
   }
-  // A standard deviation from 40 repeats is known to 1 / sqrt(80) = 11 %; of 18 parameters the farthest out is expected
-  // at 2.3 of these; 3.5 of them are 0.61 .. 1.39.
+  // A standard deviation from 24 repeats is known to 1 / sqrt(48) = 14 %; of 18 parameters the farthest out is expected
+  // at 2.3 of these; 3.5 of them are 0.5 .. 1.5.
   for (Eigen::Index i = 0; i < squares.size(); ++i) {
     const double ratio = std::sqrt(squares[i] / kRepeats);
-    EXPECT_GT(ratio, 0.61) << names[static_cast<std::size_t>(i)];
-    EXPECT_LT(ratio, 1.39) << names[static_cast<std::size_t>(i)];
+    EXPECT_GT(ratio, 0.5) << names[static_cast<std::size_t>(i)];
+    EXPECT_LT(ratio, 1.5) << names[static_cast<std::size_t>(i)];
   }
   // What the covariance is for: points triangulated through the scanner. The eight points of a calibration err
-  // together, in some five independent ways (places, tilts, scale), so the mean square over 40 repeats has a relative
-  // standard deviation of sqrt(2 / (40 x 5)) = 10 %, its root 5 %; 0.8 .. 1.2 are four of these.
+  // together, in some five independent ways (places, tilts, scale), so the mean square over 24 repeats has a relative
+  // standard deviation of sqrt(2 / (24 x 5)) = 13 %, its root 6.5 %; 0.8 .. 1.2 are three of these.
   const double ratio = std::sqrt(point_squares / (kRepeats * static_cast<double>(volume.size())));
   EXPECT_GT(ratio, 0.8);
   EXPECT_LT(ratio, 1.2);
