@@ -151,12 +151,13 @@ class Problem {
   }
 
   /// Iterations; negative where the solver could not make sense of the start.
-  int solve(double tolerance) {
+  int solve(double tolerance, double trust) {
     ceres::Solver::Options options;
     // One thread: the sums then have one order, and the same input gives the same bytes.
     options.num_threads = 1;
     options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
     options.max_num_iterations = 100;
+    options.initial_trust_region_radius = trust;
     options.function_tolerance = tolerance;
     options.gradient_tolerance = 1e-16;
     options.parameter_tolerance = 1e-14;
@@ -450,9 +451,9 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
         "the joint solve found no camera and projector that explain the corners; look for a pose with a "
         "wrong board, a moved board or a moved scanner");
   };
-  const auto run = [&](const Eigen::Vector2d& scales, double loss, double tolerance) {
+  const auto run = [&](const Eigen::Vector2d& scales, double loss, double tolerance, double trust) {
     problem.build(scales, loss);
-    const int iterations = problem.solve(tolerance);
+    const int iterations = problem.solve(tolerance, trust);
     if (iterations < 0) return false;
     report.iterations += iterations;
     problem.store();
@@ -460,8 +461,8 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   };
 
   Eigen::Vector2d scales = settings.fixed_scales.value_or(Eigen::Vector2d(1, 1));
-  // Rejection never works with a smaller standard deviation than the robust passes found: what is left after each round of
-  // leaving out scatters less, and judged by that the data would be eroded.
+  // Rejection never works with a smaller standard deviation than the robust passes found: what is left after each round
+  // of leaving out scatters less, and judged by that the data would be eroded.
   Eigen::Vector2d robust_scales(0, 0);
   const bool may_reject = !settings.fixed_scales && settings.outliers == Outliers::reject;
   if (may_reject) {
@@ -474,7 +475,7 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
       const Eigen::Vector2d spread(robust_scale(at_start->residuals, problem.groups(), Group::camera),
                                    robust_scale(at_start->residuals, problem.groups(), Group::projector));
       scales = scales.cwiseProduct(spread).cwiseMax(kLeastScale);
-      if (!run(scales, 2.0, 1e-8)) return failed();
+      if (!run(scales, 2.0, 1e-8, 1e4)) return failed();
     }
     problem.build(scales, 0);
     const auto after = problem.linearise(false);
@@ -493,7 +494,9 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   Problem::Linearised linear;
   constexpr int kPasses = 12;
   for (int pass = 0; pass < kPasses; ++pass) {
-    if (!run(scales, 0, 1e-15)) return failed();
+    // After the robust passes the start is next to the solution: nearly undamped steps, which the weakly determined
+    // place along the fringes needs, take 2 or 3 iterations where the solver's usual damping takes 20.
+    if (!run(scales, 0, 1e-15, may_reject || pass > 0 ? 1e12 : 1e4)) return failed();
     problem.build(scales, 0);
     auto now = problem.linearise(true);
     if (!now) return failed();

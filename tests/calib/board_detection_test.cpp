@@ -6,6 +6,7 @@
 
 #include <Eigen/LU>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <random>
@@ -47,14 +48,16 @@ GrayImage render(const model::Board& b, const Eigen::Matrix3d& h) {
   const auto shade = [&](const Eigen::Vector2d& on_board) {
     const Eigen::Vector2d p = on_board + middle;
     if (b.kind == model::BoardKind::chessboard) {
-      const int i = static_cast<int>(std::floor(p.x() / b.pitch_x_mm)), j = static_cast<int>(std::floor(p.y() / b.pitch_y_mm));
+      const int i = static_cast<int>(std::floor(p.x() / b.pitch_x_mm)),
+                j = static_cast<int>(std::floor(p.y() / b.pitch_y_mm));
       if (i < -1 || j < -1 || i >= b.columns || j >= b.rows) return 200.0;
       return (i + j) % 2 == 0 ? 40.0 : 200.0;
     }
-    for (int row = 0; row < b.rows; ++row) {
-      for (int column = 0; column < b.columns; ++column) {
-        if ((b.corner_mm(column, row).head<2>() - p).norm() < 5.0) return 40.0;
-      }
+    const int row = std::clamp(static_cast<int>(std::lround(p.y() / b.pitch_y_mm)), 0, b.rows - 1);
+    for (const int r : {std::max(row - 1, 0), row, std::min(row + 1, b.rows - 1)}) {
+      const double first = b.corner_mm(0, r).x();
+      const int column = std::clamp(static_cast<int>(std::lround((p.x() - first) / b.pitch_x_mm)), 0, b.columns - 1);
+      if ((b.corner_mm(column, r).head<2>() - p).squaredNorm() < 25.0) return 40.0;
     }
     return 200.0;
   };
@@ -86,9 +89,9 @@ TEST(DetectBoard, FindsTheCornersOfAChessboard) {
   const auto found = calib::detect_board(render(b, homography()), b);
   ASSERT_TRUE(found) << found.error().sentence;
   ASSERT_EQ(found->corners.size(), 63u);
-  // Noise alone: one edge of 15 px with a step of 160 and a noise of 1 places its line to 1 / (160 / 2) / sqrt(15) = 0.003 px;
-  // the box blur is not the tanh of the model: by symmetry that moves nothing at a corner, but perspective over the
-  // window (0.5 % of 7 px, half of it even) leaves some 0.01 px. OpenCV's own refinement stays at 0.03.
+  // Noise alone: one edge of 15 px with a step of 160 and a noise of 1 places its line to 1 / (160 / 2) / sqrt(15) =
+  // 0.003 px; the box blur is not the tanh of the model: by symmetry that moves nothing at a corner, but perspective
+  // over the window (0.5 % of 7 px, half of it even) leaves some 0.01 px. OpenCV's own refinement stays at 0.03.
   EXPECT_LT(rms_px(*found, b, homography()), 0.015);
   // The stated uncertainty is what the scatter says, within the factor that a few dozen degrees of freedom leave.
   EXPECT_GT(found->corners[0].u_pixel_px, 0.3 * rms_px(*found, b, homography()));
@@ -116,8 +119,8 @@ TEST(DetectBoard, FindsTheCentresOfCirclesNotThoseOfTheirPictures) {
     const auto b = kind == model::BoardKind::circles ? board_of(kind, 7, 6) : board_of(kind, 5, 9);
     const auto found = calib::detect_board(render(b, homography()), b);
     ASSERT_TRUE(found) << found.error().sentence;
-    // Uncorrected, the centres of the ellipses lie 0.03 to 0.06 px off (7e-4 x 2.4 x 5^2 px). Noise of 1 level over a rim of
-    // some 100 px of a disc of 400 px and 160 levels: 0.01 px; the 8-bit picture adds as much again.
+    // Uncorrected, the centres of the ellipses lie 0.03 to 0.06 px off (7e-4 x 2.4 x 5^2 px). Noise of 1 level over a
+    // rim of some 100 px of a disc of 400 px and 160 levels: 0.01 px; the 8-bit picture adds as much again.
     EXPECT_LT(rms_px(*found, b, homography()), 0.025);
   }
 }
@@ -132,8 +135,11 @@ TEST(DetectBoard, SaysWhatItLookedForWhereThereIsNone) {
 decode::PhaseMap plane_map(bool staircase, double ripple_rad, double noise_rad) {
   decode::PhaseMap m;
   m.axis = CodeAxis::x;
-  m.code = {.gray_bits = staircase ? 10 : 7, .phase_steps = staircase ? 0 : 4, .stripes_per_period = staircase ? 1 : 2,
-            .period = staircase ? 1.0 : 0.24, .unit = staircase ? "px" : "mm"};
+  m.code = {.gray_bits = staircase ? 10 : 7,
+            .phase_steps = staircase ? 0 : 4,
+            .stripes_per_period = staircase ? 1 : 2,
+            .period = staircase ? 1.0 : 0.24,
+            .unit = staircase ? "px" : "mm"};
   m.phase_rad = m.u_phase_rad = m.modulation = m.mean = Image<float>(640, 480);
   m.validity = Image<std::uint8_t>(640, 480);
   std::mt19937 random(9);
@@ -184,12 +190,12 @@ TEST(CornerPhase, IsRightWithinItsUncertaintyDespiteRippleAndWrongFringeNumbers)
     z2 += error * error / (c.x->u * c.x->u);
   }
   const double to_rad = 2 * std::numbers::pi / 0.24;
-  // Noise: 0.02 rad over 19 x 17 pixels is 1.1 mrad. The ripple of two cycles a period leaves, of 30 mrad, what a box of
-  // 19 px does not cancel of a wave of 9 px (rounding of the box to whole pixels): up to 1 / (2 pi) of 0.5 px / 9 px x 30
-  // mrad x 2 = 1 mrad. Together below 2.5 mrad.
+  // Noise: 0.02 rad over 19 x 17 pixels is 1.1 mrad. The ripple of two cycles a period leaves, of 30 mrad, what a box
+  // of 19 px does not cancel of a wave of 9 px (rounding of the box to whole pixels): up to 1 / (2 pi) of 0.5 px / 9 px
+  // x 30 mrad x 2 = 1 mrad. Together below 2.5 mrad.
   EXPECT_LT(std::sqrt(squares / 63) * to_rad, 2.5e-3);
-  // The stated uncertainty counts the ripple as correlated noise: not less than the truth by more than a third, and not ten
-  // times more.
+  // The stated uncertainty counts the ripple as correlated noise: not less than the truth by more than a third, and not
+  // ten times more.
   EXPECT_LT(std::sqrt(z2 / 63), 1.35);
   EXPECT_GT(std::sqrt(z2 / 63), 0.1);
 }
@@ -204,8 +210,8 @@ TEST(CornerPhase, ReadsAStaircaseToASmallPartOfAStep) {
     squares += std::pow(c.x->value - plane_u(map, c.pixel), 2);
     u = std::max(u, c.x->u);
   }
-  // Steps of one stripe are uniform within +-0.5: 0.29. Ten stripes in the window leave 0.29 / sqrt(10) = 0.09 where every
-  // row says the same; tilted stripes average further.
+  // Steps of one stripe are uniform within +-0.5: 0.29. Ten stripes in the window leave 0.29 / sqrt(10) = 0.09 where
+  // every row says the same; tilted stripes average further.
   EXPECT_LT(std::sqrt(squares / 63), 0.09);
   EXPECT_LT(u, 0.12);
 }
