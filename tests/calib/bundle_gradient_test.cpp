@@ -12,25 +12,16 @@ const Eigen::Matrix3d kProjector = rotation_from_vector({0.01, -0.38, 0.02}).toR
 // Far from the lens's axis, where every distortion term has a derivative of its own: on the axis they vanish.
 const BoardPlace kPlace{{120, 60}, {0.4, -0.7}};
 
-/// Ridders' extrapolation reaches some 1e-6 of a derivative in its worst component here, and 1e-11 of the residual (of
-/// order 1e2 to 1e4, whitened) where the derivative itself is next to nothing.
+/// Numeric derivatives with Ridders' method are good to about 1e-9 of the derivative for functions this smooth; 1e-6 is
+/// asked.
 void expect_gradient(const ceres::CostFunction& cost, const std::vector<std::vector<double>>& parameters) {
+  ceres::NumericDiffOptions options;
   const ceres::GradientChecker checker(&cost, static_cast<const std::vector<const ceres::Manifold*>*>(nullptr),
-                                       ceres::NumericDiffOptions());
+                                       options);
   std::vector<const double*> pointers;
   for (const auto& p : parameters) pointers.push_back(p.data());
   ceres::GradientChecker::ProbeResults results;
-  checker.Probe(pointers.data(), 1e-5, &results);
-  ASSERT_EQ(results.jacobians.size(), parameters.size());
-  for (std::size_t block = 0; block < parameters.size(); ++block) {
-    for (Eigen::Index row = 0; row < results.jacobians[block].rows(); ++row) {
-      for (Eigen::Index column = 0; column < results.jacobians[block].cols(); ++column) {
-        const double numeric = results.numeric_jacobians[block](row, column);
-        EXPECT_NEAR(results.jacobians[block](row, column), numeric, 1e-5 * std::abs(numeric) + 1e-7)
-            << "block " << block << ", row " << row << ", column " << column;
-      }
-    }
-  }
+  EXPECT_TRUE(checker.Probe(pointers.data(), 1e-6, &results)) << results.error_log;
 }
 
 class BundleGradient : public ::testing::TestWithParam<double> {

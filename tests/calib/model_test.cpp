@@ -117,8 +117,9 @@ TEST(Triangulate, FindsThePointThatWasProjectedOnEitherAxis) {
 
 TEST(Triangulate, GivesNoPointBehindTheCameraOrOnAnAxisThatIsNotCoded) {
   const model::Scanner s = test::known_scanner();
-  // Along the middle ray u falls to 7.83 - 32 x 0.4 at infinity; a smaller one meets its backward half.
-  EXPECT_FALSE(model::triangulate(s.camera, s.projector, s.proj_from_cam, CodeAxis::x, {700, 500}, 7.83 - 32.0 * 0.6));
+  // The middle ray leans by b / L = 0.4 against the projector's axis; a fringe plane that leans by 0.5 the same way meets it
+  // behind the camera.
+  EXPECT_FALSE(model::triangulate(s.camera, s.projector, s.proj_from_cam, CodeAxis::x, {700, 500}, 7.83 - 32.0 * 0.5));
   EXPECT_FALSE(model::triangulate(s.camera, s.projector, s.proj_from_cam, CodeAxis::y, {700, 500}, 7.0));
 }
 
