@@ -1,5 +1,5 @@
-#include "calib/board_detection.h"
 #include "calib/calibrate.h"
+#include "calib/board_detection.h"
 #include "calib/fit_chen2008.h"
 #include "cli/commands.h"
 #include "core/error.h"
@@ -60,20 +60,20 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
   for (const auto& d : dropped) lost.append(Value::object().set("name", d.name).set("reason", d.reason));
   const auto& r = s.residuals;
   Value out = Value::object()
-                               .set("scanner", options.output)
-                               .set("poses", r.poses)
-                               .set("dropped", lost)
-                               .set("parameters", parameters)
-                               .set("base_mm", s.base_mm())
-                               .set("working_distance_mm", s.working_distance_mm)
-                               .set("camera_rms_px", r.camera_rms_px)
-                               .set("projector_rms", r.projector_rms)
-                               .set("projector_unit", r.projector_unit)
-                               .set("grid_rms_mm", r.grid_rms_mm)
-                               .set("chi2_per_dof", r.chi2_per_dof)
-                               .set("corners_used", r.corners_used)
-                               .set("corners_rejected", r.corners_rejected)
-                               .set("method", s.method);
+                  .set("scanner", options.output)
+                  .set("poses", r.poses)
+                  .set("dropped", lost)
+                  .set("parameters", parameters)
+                  .set("base_mm", s.base_mm())
+                  .set("working_distance_mm", s.working_distance_mm)
+                  .set("camera_rms_px", r.camera_rms_px)
+                  .set("projector_rms", r.projector_rms)
+                  .set("projector_unit", r.projector_unit)
+                  .set("grid_rms_mm", r.grid_rms_mm)
+                  .set("chi2_per_dof", r.chi2_per_dof)
+                  .set("corners_used", r.corners_used)
+                  .set("corners_rejected", r.corners_rejected)
+                  .set("method", s.method);
   if (s.paper_model) out.set("paper_rms_xyz_mm", Value::numbers(s.paper_model->rms_xyz_mm));
   if (s.paper_ideal_model) out.set("paper_ideal_rms_xyz_mm", Value::numbers(s.paper_ideal_model->rms_xyz_mm));
   fmt::print("{}", to_json(out));
