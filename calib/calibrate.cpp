@@ -108,7 +108,8 @@ Result<Choice> choose_terms(Bundle& bundle, SolveSettings settings, DistortionTe
   return best;
 }
 
-/// Triangulated corners against the nominal grid, each pose after a rigid fit: root mean square of the distances.
+/// Triangulated corners, rejected ones too, against the nominal grid, each pose after a rigid fit: root mean square of the
+/// distances.
 double grid_rms_mm(const Bundle& bundle) {
   const auto& projector = *bundle.projector;
   const CodeAxis axis = projector.main_axis();
@@ -118,7 +119,7 @@ double grid_rms_mm(const Bundle& bundle) {
     std::vector<Eigen::Vector3d> measured, nominal;
     for (const Sight& s : bundle.sights) {
       const auto& u = axis == CodeAxis::x ? s.x : s.y;
-      if (static_cast<std::size_t>(s.pose) != pose || !s.used || !u) continue;
+      if (static_cast<std::size_t>(s.pose) != pose || !u) continue;
       const auto point = model::triangulate(bundle.camera, projector, bundle.proj_from_cam, axis, s.pixel, u->value);
       if (!point) continue;
       const Eigen::Vector2d& t = bundle.targets_mm[static_cast<std::size_t>(s.target)];
@@ -202,6 +203,17 @@ void fill_observations(Scanner& scanner, std::span<const BoardObservation> obser
       if (c.y) c.y->u *= report.scale_projector;
     }
   }
+}
+
+/// bundle_cost.h, eq. 1, at the solution.
+std::vector<Eigen::Vector3d> estimated_corners(const model::Board& board, const Bundle& bundle) {
+  std::vector<Eigen::Vector3d> out;
+  for (int row = 0; row < board.rows; ++row) {
+    for (int column = 0; column < board.columns; ++column) {
+      out.push_back(bundle.corner_mm(static_cast<std::size_t>(row * board.columns + column)));
+    }
+  }
+  return out;
 }
 
 }  // namespace
@@ -305,6 +317,7 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   scanner.priors = priors_of(settings, main);
   scanner.method = method;
   scanner.board = board;
+  scanner.board_corners_mm = estimated_corners(board, bundle);
   scanner.cam_from_board = bundle.cam_from_board;
   fill_observations(scanner, observations, bundle, *report);
   auto& r = scanner.residuals;

@@ -16,6 +16,17 @@
 namespace fringecal::calib {
 namespace {
 
+/// A corner's nominal place, and the same from the middle of the field in its half sides.
+bundle::BoardPlace place_of(const Bundle& b, std::size_t target) {
+  Eigen::Vector2d low = b.targets_mm.front(), high = low;
+  for (const auto& t : b.targets_mm) {
+    low = low.cwiseMin(t);
+    high = high.cwiseMax(t);
+  }
+  const Eigen::Vector2d middle = 0.5 * (low + high), half = (0.5 * (high - low)).cwiseMax(1e-9);
+  return {b.targets_mm[target], (b.targets_mm[target] - middle).cwiseQuotient(half)};
+}
+
 using bundle::BoardPlace;
 using bundle::CameraResidual;
 using bundle::PriorResidual;
@@ -110,12 +121,6 @@ class Problem {
     blocks_.clear();
     groups_.clear();
     owners_.clear();
-    Eigen::Vector2d low = bundle_.targets_mm.front(), high = low;
-    for (const auto& t : bundle_.targets_mm) {
-      low = low.cwiseMin(t);
-      high = high.cwiseMax(t);
-    }
-    const Eigen::Vector2d middle = 0.5 * (low + high), half = (0.5 * (high - low)).cwiseMax(1e-9);
     const auto loss = [&]() -> ceres::LossFunction* {
       return loss_scale > 0 ? new ceres::CauchyLoss(loss_scale) : nullptr;
     };
@@ -123,8 +128,7 @@ class Problem {
       const Sight& s = bundle_.sights[k];
       if (!s.used) continue;
       const auto pose = static_cast<std::size_t>(s.pose), target = static_cast<std::size_t>(s.target);
-      const Eigen::Vector2d nominal = bundle_.targets_mm[target];
-      const BoardPlace place{nominal, (nominal - middle).cwiseQuotient(half)};
+      const BoardPlace place = place_of(bundle_, target);
       double* const w = p_.pose_w[pose].data();
       double* const t = p_.pose_t[pose].data();
       double* const print = p_.print[target].data();
@@ -583,6 +587,14 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   report.parameters = problem.free_parameters();
   report.dof = report.residuals + (problem.solves_along() ? 1 : 0) - report.parameters;
   return report;
+}
+
+Eigen::Vector3d Bundle::corner_mm(std::size_t target) const {
+  const double no_scale = 0.0;
+  const Eigen::Vector2d print = print_mm.empty() ? Eigen::Vector2d(Eigen::Vector2d::Zero()) : print_mm[target];
+  Eigen::Vector3d corner;
+  place_of(*this, target)(&no_scale, bow_mm.data(), print.data(), corner.data());
+  return corner;
 }
 
 }  // namespace fringecal::calib

@@ -46,6 +46,10 @@ struct Bundle {
   std::vector<Rigid3> cam_from_board;
   Eigen::Vector2d bow_mm = Eigen::Vector2d::Zero();  // b_x, b_y of bundle_cost.h, eq. 1
   std::vector<Eigen::Vector2d> print_mm;             // printing errors; empty: zero
+
+  /// A corner with its bow and printing error, frame board (bundle_cost.h, eq. 1, without the pitch's relative error, of
+  /// which the views say nothing).
+  Eigen::Vector3d corner_mm(std::size_t target) const;
 };
 
 /// What happens to sights that do not fit.

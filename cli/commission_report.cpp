@@ -160,7 +160,7 @@ reports::CalibrationSection calibration_section(const CommissionSession& session
   for (std::size_t i = 0; i < scanner.observations.size(); ++i) {
     for (const auto& corner : scanner.observations[i].corners) {
       if (!corner.used) continue;
-      const Eigen::Vector3d in_cam = scanner.cam_from_board[i] * scanner.board->corner_mm(corner.column, corner.row);
+      const Eigen::Vector3d in_cam = scanner.cam_from_board[i] * scanner.corner_mm(corner.column, corner.row);
       if (const auto pixel = scanner.camera.project(in_cam)) {
         section.camera_residuals.push_back(
             {corner.pixel.x(), corner.pixel.y(), corner.pixel.x() - pixel->x(), corner.pixel.y() - pixel->y()});
@@ -256,7 +256,7 @@ reports::ArtefactSection artefact_section(const CommissionSession& session, cons
   }
   section.deviation_mm =
       read_float_tiff(session.path(fmt::format("verification/{}-00-{}-deviation.tiff", scene, nominal.name)));
-  section.deviation_caption = "First repeat; positive: outside the fitted surface";
+  section.deviation_caption = "First repeat; positive: outside the fitted surface.";
   return section;
 }
 

@@ -204,7 +204,7 @@ Markup one_artefact(const ArtefactSection& a, std::size_t number) {
       plots += diameter_plot(a, fmt::format("diameter_{}", number));
     }
     plots += form_plot(a, fmt::format("form_{}", number));
-    plots = figure("half", plots, plots.empty() ? "" : "Each repeat: a new capture of the artefact at the same place.");
+    plots = figure("half", plots, plots.empty() ? "" : "Each repeat: a new capture.");
   }
   if (!map.empty() || !plots.empty()) out += element("div", {{"class", "figures"}}, map + plots);
   out += repeat_tables(a);

@@ -201,6 +201,12 @@ Scanner Scanner::changed_by(const Eigen::VectorXd& increments) const {
   return s;
 }
 
+Eigen::Vector3d Scanner::corner_mm(int column, int row) const {
+  require(board.has_value(), "corners are asked of a scanner that knows its board");
+  if (board_corners_mm.empty()) return board->corner_mm(column, row);
+  return board_corners_mm.at(static_cast<std::size_t>(row * board->columns + column));
+}
+
 Rigid3 Scanner::world_from_proj() const {
   // Rows: world X, Y, Z expressed in proj. Coded along x: X = x, Y = -y, Z = -z; along y: X = y, Y = x, Z = -z.
   Eigen::Matrix3d rotation;
@@ -251,6 +257,11 @@ void write_scanner(const std::filesystem::path& file, const Scanner& s) {
   if (s.board) out.set("board", model::to_value(*s.board));
   if (s.paper_model) out.set("paper_model", model::to_value(*s.paper_model));
   if (s.paper_ideal_model) out.set("paper_ideal_model", model::to_value(*s.paper_ideal_model));
+  if (!s.board_corners_mm.empty()) {
+    Value corners = Value::array();
+    for (const auto& corner : s.board_corners_mm) corners.append(Value::numbers(corner));
+    out.set("board_corners_mm", corners);
+  }
   out.set("cam_from_board", poses)
       .set("observations", observations)
       .set("provenance", fringecal::to_value(s.provenance));
@@ -274,6 +285,16 @@ Scanner read_scanner(const std::filesystem::path& file) {
   }
   s.uncertainty = covariance_from(f.table("uncertainty"));
   if (auto b = f.optional_table("board")) s.board = board_from(*b);
+  if (const Value corners = f.raw("board_corners_mm"); corners.if_array()) {
+    for (const Value& corner : *corners.if_array()) {
+      Fields one(Value::object().set("corner", corner), f.file(), "board_corners_mm");
+      const auto n = one.numbers("corner", 3);
+      s.board_corners_mm.emplace_back(n[0], n[1], n[2]);
+    }
+    if (!s.board || s.board_corners_mm.size() != static_cast<std::size_t>(s.board->corners())) {
+      f.complain("'board_corners_mm' must have one line per corner of 'board'");
+    }
+  }
   const CodeAxis axis = s.projector.main_axis();
   if (auto m = f.optional_table("paper_model")) s.paper_model = fitted_chen2008_from(*m, axis);
   if (auto m = f.optional_table("paper_ideal_model")) s.paper_ideal_model = fitted_chen2008_from(*m, axis);

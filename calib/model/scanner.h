@@ -60,7 +60,7 @@ struct ResidualStatistics {
   double camera_rms_px = 0;  // per coordinate
   double projector_rms = 0;  // in the code's unit
   std::string projector_unit = "mm";
-  double grid_rms_mm = 0;  // corners triangulated through the scanner, against the board after a rigid fit
+  double grid_rms_mm = 0;  // all corners triangulated, against the nominal board after a rigid fit per pose
   double chi2_per_dof = 0;
   int corners_used = 0, corners_rejected = 0, poses = 0, iterations = 0;
 };
@@ -76,6 +76,8 @@ struct Scanner {
   std::string method;  // which terms were estimated, which were chosen and why
   ResidualStatistics residuals;
   std::optional<Board> board;
+  /// The board's corners as estimated with its bow and printing errors, row after row, frame board; empty: as nominal.
+  std::vector<Eigen::Vector3d> board_corners_mm;
   std::vector<BoardObservation> observations;
   std::vector<Rigid3> cam_from_board;  // estimated poses, as `observations`
   // The paper's closed form fitted to this scanner: eqs. 1 to 20, and eqs. 1 to 17 alone. Absent: not fitted.
@@ -87,6 +89,9 @@ struct Scanner {
   /// This scanner with its estimated parameters changed by increments in the order of uncertainty.names (a rotation
   /// from the left). Throws InputError on a name this program does not know.
   Scanner changed_by(const Eigen::VectorXd& increments) const;
+
+  /// Where a corner of `board` is, as far as the calibration knows.
+  Eigen::Vector3d corner_mm(int column, int row) const;
 
   Rigid3 world_from_proj() const;
   Rigid3 world_from_cam() const { return world_from_proj() * proj_from_cam; }
