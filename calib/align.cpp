@@ -1,1 +1,381 @@
 #include "calib/align.h"
+
+#include "calib/align_edges.h"
+#include "calib/align_jumps.h"
+
+#include <fmt/format.h>
+#include <Eigen/Dense>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+namespace fringecal::calib {
+namespace {
+
+constexpr double kTwoPi = 2.0 * std::numbers::pi;
+// A plane leaves the wraps of a line within 0.003 periods of a cubic (projective terms of 4th order); 0.03 is reached
+// by a bump of about half a millimetre at the default geometry.
+constexpr double kMaxNonflatness = 0.03;
+constexpr double kMinCovered = 0.5;
+constexpr double kMaxSaturated = 0.05;
+constexpr int kMinEdges = 20;
+constexpr int kBlocks = 16;
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Where along the slide, in pitches, each Gray bit and the wrap of the phase (eq. 3) belong.
+struct Slots {
+  std::vector<double> gray;
+  double phase = 0, sum_w2 = 0;
+};
+
+Slots slots_of(const FringeCode& code, const GratingLayout& layout) {
+  Slots slots;
+  for (int b = 0; b < code.gray_bits; ++b) slots.gray.push_back(layout.gray_slots.empty() ? b : layout.gray_slots[b]);
+  for (int k = 0; k < code.phase_steps; ++k) {
+    const double sine = std::sin(kTwoPi * k / code.phase_steps);
+    const double w = 2.0 / code.phase_steps * sine * sine;  // eq. 3
+    slots.phase += w * (layout.phase_slots.empty() ? code.gray_bits + k : layout.phase_slots[k]);
+    slots.sum_w2 += w * w;
+  }
+  return slots;
+}
+
+const FringeCode& checked_code(const Capture& capture, const GratingLayout& layout, CodeAxis axis) {
+  const auto& code = capture.info.plan.code(axis);
+  const char* name = axis == CodeAxis::x ? "x" : "y";
+  const std::string where = capture.folder.empty() ? "the capture" : capture.folder.string();
+  if (!code) throw InputError(fmt::format("{}: no code along {}; choose the other axis", where, name));
+  if (code->phase_steps < 3 || code->gray_bits < 2) {
+    throw InputError(
+        fmt::format("{}: {} Gray bits and {} phase steps along {}; the alignment compares Gray edges with phase "
+                    "wraps and needs at least 2 and 3",
+                    where, code->gray_bits, code->phase_steps, name));
+  }
+  if (code->unit != "mm") {
+    throw InputError(
+        fmt::format("{}: the code's unit is '{}'; only a grating on a slide (unit mm) can be misaligned in this "
+                    "way",
+                    where, code->unit));
+  }
+  if (!(layout.pattern_pitch_mm > 0)) {
+    throw InputError(fmt::format("the pitch of the patterns along the slide is {} mm; it must be positive",
+                                 layout.pattern_pitch_mm));
+  }
+  if ((!layout.gray_slots.empty() && static_cast<int>(layout.gray_slots.size()) != code->gray_bits) ||
+      (!layout.phase_slots.empty() && static_cast<int>(layout.phase_slots.size()) != code->phase_steps)) {
+    throw InputError(fmt::format("the layout names {} Gray slots and {} phase slots; the code has {} and {}",
+                                 layout.gray_slots.size(), layout.phase_slots.size(), code->gray_bits,
+                                 code->phase_steps));
+  }
+  return *code;
+}
+
+std::optional<std::string> defect_of(const EdgeMap& map, const Capture& capture) {
+  const double limit = EdgeOptions{}.min_modulation_8bit * std::ldexp(1.0, capture.info.bits - 8);
+  if (map.saturated > kMaxSaturated) {
+    return fmt::format("{:.0f} % of the pixels are saturated in a phase frame (at most {:.0f} %): expose less",
+                       100 * map.saturated, 100 * kMaxSaturated);
+  }
+  if (map.covered < kMinCovered) {
+    if (map.median_modulation < limit && map.covered < 0.1) {
+      return fmt::format(
+          "the modulation is {:.1f} grey levels (median; {:.0f} are needed): more light, a white board, or an "
+          "angle of the grating so far off that the phase steps cancel",
+          map.median_modulation, limit);
+    }
+    return fmt::format(
+        "only {:.0f} % of the picture shows fringes of at least {:.0f} grey levels ({:.0f} % are needed): the "
+        "board is partly out of the field, too small or too dark",
+        100 * map.covered, limit, 100 * kMinCovered);
+  }
+  if (map.segments.empty()) return std::string("no row shows six periods of the fringes in a run");
+  std::vector<double> nonflat;
+  for (const auto& s : map.segments) nonflat.push_back(s.nonflatness_periods);
+  const double typical = median(nonflat);
+  const auto curved = std::count_if(nonflat.begin(), nonflat.end(), [](double n) { return n > kMaxNonflatness; });
+  if (typical > kMaxNonflatness || static_cast<double>(curved) > 0.25 * static_cast<double>(nonflat.size())) {
+    return fmt::format(
+        "the board is not flat: the fringes depart by {:.3f} periods rms from those of a plane in the middle one "
+        "of {} rows, and {} rows are beyond the limit of {:.3f}; put a flat board into the field",
+        typical, nonflat.size(), curved, kMaxNonflatness);
+  }
+  return std::nullopt;
+}
+
+/// delta_F-1 - delta_F in periods, from the edges of the two finest bits alone: edges of F stand at odd, those of F-1
+/// at even numbers of periods, so their difference is known modulo two periods.
+std::optional<double> difference_of_finest(const EdgeMap& map, int finest) {
+  std::vector<double> differences;
+  for (const auto& segment : map.segments) {
+    double reference[2] = {};
+    std::vector<double> places[2];
+    for (const GrayEdge& e : segment.edges) {
+      const int which = e.bit == finest ? 0 : 1;
+      if (e.bit != finest && e.bit != finest - 1) continue;
+      if (places[which].empty()) reference[which] = e.q_periods;
+      places[which].push_back(std::remainder(e.q_periods - reference[which], 2.0));
+    }
+    if (places[0].empty() || places[1].empty()) continue;
+    differences.push_back(
+        std::remainder(reference[1] + median(places[1]) - reference[0] - median(places[0]) - 1.0, 2.0));
+  }
+  if (differences.size() < 5) return std::nullopt;
+  return median(differences);
+}
+
+struct LineDelta {
+  int line;
+  double delta_periods;
+};
+
+/// Standard uncertainty of the median over all lines, from the scatter of blocks of lines.
+double u_of_median(const std::vector<LineDelta>& deltas, int lines) {
+  std::vector<std::vector<double>> blocks(kBlocks);
+  for (const auto& d : deltas)
+    blocks[static_cast<std::size_t>(static_cast<long>(d.line) * kBlocks / lines)].push_back(d.delta_periods);
+  std::vector<double> medians;
+  for (const auto& block : blocks) {
+    if (!block.empty()) medians.push_back(median(block));
+  }
+  const double n = static_cast<double>(medians.size());
+  if (n < 4) return std::abs(medians.back() - medians.front()) + 1e-3;  // too few to say: at least 0.001 periods
+  const double mean = std::accumulate(medians.begin(), medians.end(), 0.0) / n;
+  double sum = 0;
+  for (const double m : medians) sum += (m - mean) * (m - mean);
+  return std::sqrt(sum / (n - 1) / n);
+}
+
+struct Measured {
+  BitMisalignment bit;
+  bool both_kinds = false;
+  double farthest = 0;  // distance of the median from the prediction, periods
+};
+
+Measured measure_bit(const EdgeMap& map, int bit, double predicted_periods, double period_mm) {
+  std::vector<LineDelta> kinds[2];
+  for (const auto& segment : map.segments) {
+    for (const GrayEdge& e : segment.edges) {
+      if (e.bit != bit) continue;
+      const double rest = e.q_periods - predicted_periods;
+      kinds[e.rising ? 1 : 0].push_back({segment.line, predicted_periods + rest - std::round(rest)});
+    }
+  }
+  Measured out;
+  out.bit.bit = bit;
+  out.bit.n_edges = static_cast<int>(kinds[0].size() + kinds[1].size());
+  out.both_kinds = kinds[0].size() >= kMinEdges / 2 && kinds[1].size() >= kMinEdges / 2;
+  double value[2] = {}, u[2] = {};
+  for (int k = 0; k < 2; ++k) {
+    if (kinds[k].empty()) continue;
+    std::vector<double> deltas;
+    for (const auto& d : kinds[k]) deltas.push_back(d.delta_periods);
+    value[k] = median(deltas);
+    u[k] = u_of_median(kinds[k], map.lines);
+  }
+  double delta = 0, u_noise = 0;
+  if (out.both_kinds) {
+    delta = 0.5 * (value[0] + value[1]);
+    u_noise = 0.5 * std::hypot(u[0], u[1]);
+  } else {
+    const int k = kinds[1].size() > kinds[0].size() ? 1 : 0;
+    delta = value[k];
+    value[1 - k] = delta;
+    u_noise = u[k];
+  }
+  out.farthest = delta - predicted_periods;
+  out.bit.delta_mm.value = delta * period_mm;
+  out.bit.fraction_of_period = delta;
+  out.bit.falling_mm = value[0] * period_mm;
+  out.bit.rising_mm = value[1] * period_mm;
+  out.bit.u_noise_mm = u_noise * period_mm;
+  return out;
+}
+
+struct AngleFit {
+  Uncertain theta;
+  double chi2_per_dof = 0;
+  int dof = 0;
+  std::vector<double> normalised;  // residuals of the bits
+};
+
+/// Eq. 4 by generalised least squares, o with its prior.
+AngleFit fit_angle(const std::vector<Measured>& bits, double u_placement_mm, double u_offset_mm) {
+  Eigen::Matrix2d M = Eigen::Matrix2d::Zero();
+  Eigen::Vector2d r = Eigen::Vector2d::Zero();
+  M(1, 1) = 1.0 / (u_offset_mm * u_offset_mm);
+  for (const auto& m : bits) {
+    const double w = 1.0 / (u_placement_mm * u_placement_mm + m.bit.u_noise_mm * m.bit.u_noise_mm);
+    const Eigen::Vector2d f(m.bit.lever_mm, 1.0);
+    M += w * f * f.transpose();
+    r += w * f * m.bit.delta_mm.value;
+  }
+  const Eigen::Matrix2d covariance = M.inverse();
+  const Eigen::Vector2d x = covariance * r;
+  AngleFit fit{.theta = {std::asin(x[0]), std::sqrt(covariance(0, 0))}, .normalised = {}};
+  double chi2 = x[1] * x[1] / (u_offset_mm * u_offset_mm);
+  for (const auto& m : bits) {
+    const double residual =
+        (m.bit.delta_mm.value - m.bit.lever_mm * x[0] - x[1]) / std::hypot(u_placement_mm, m.bit.u_noise_mm);
+    fit.normalised.push_back(residual);
+    chi2 += residual * residual;
+  }
+  fit.dof = static_cast<int>(bits.size()) - 1;  // bits and the prior of o against two unknowns
+  fit.chi2_per_dof = fit.dof > 0 ? chi2 / fit.dof : 0.0;
+  return fit;
+}
+
+/// The chi2/dof that chance exceeds once in a thousand times (Wilson and Hilferty's cube).
+double chi2_limit(int dof) {
+  const double t = 2.0 / (9.0 * dof);
+  return std::pow(1.0 - t + 3.09 * std::sqrt(t), 3.0);
+}
+
+void add_jump_figures(const Capture& capture, CodeAxis axis, Misalignment& result) {
+  decode::DecodeOptions plain;
+  plain.edges = decode::EdgeRule::plain;
+  const auto map = decode::decode_phase(capture, axis, plain);
+  const auto jumps = count_jumps(map);
+  if (!jumps) {
+    result.remarks.push_back("no whole-pixel figure: " + jumps.error().sentence);
+    return;
+  }
+  for (const JumpCount& jump : *jumps) {
+    for (auto& bit : result.bits) {
+      if (bit.bit != jump.bit) continue;
+      bit.jump_px = jump.jump_px;
+      bit.period_px = jump.period_px;
+    }
+  }
+}
+
+}  // namespace
+
+Result<Misalignment> measure_misalignment(const Capture& capture, const GratingLayout& layout, CodeAxis axis) {
+  const FringeCode& code = checked_code(capture, layout, axis);
+  const Slots slots = slots_of(code, layout);
+  const EdgeMap map = find_edges(capture, axis);
+  if (const auto defect = defect_of(map, capture)) return unanswerable(*defect);
+
+  Misalignment result;
+  const int finest = code.gray_bits - (code.stripes_per_period == 2 ? 2 : 1);
+  const auto lever_mm = [&](int bit) { return (slots.phase - slots.gray[bit]) * layout.pattern_pitch_mm; };
+  if (code.stripes_per_period == 2) {
+    result.remarks.push_back(fmt::format("bit {} toggles in the middle of a period and makes no jump", finest + 1));
+  }
+
+  // A start for the angle: whichever figure has the shorter lever is the less ambiguous.
+  double theta = 0;
+  const double step_mm = finest >= 1 ? lever_mm(finest - 1) - lever_mm(finest) : 0;
+  if (step_mm != 0 && std::abs(step_mm) < std::abs(lever_mm(finest))) {
+    if (const auto difference = difference_of_finest(map, finest)) theta = *difference * code.period / step_mm;
+  }
+  std::vector<int> order(static_cast<std::size_t>(finest) + 1);
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int a, int b) { return std::abs(lever_mm(a)) < std::abs(lever_mm(b)); });
+  std::vector<Measured> bits;
+  for (const int b : order) {
+    Measured measured = measure_bit(map, b, theta * lever_mm(b) / code.period, code.period);
+    measured.bit.lever_mm = lever_mm(b);
+    if (measured.bit.n_edges < kMinEdges) {
+      result.remarks.push_back(fmt::format("bit {} is left out: {} edges in the picture, {} are needed", b,
+                                           measured.bit.n_edges, kMinEdges));
+      continue;
+    }
+    if (std::abs(measured.farthest) > 0.35) {
+      return unanswerable(
+          fmt::format("the edges of bit {} lie {:.2f} periods from where the finer bits put them, so the wrap "
+                      "they belong to is not certain: check the plan's stripes_per_period ({}) and the order "
+                      "of the patterns on the slide",
+                      b, measured.farthest, code.stripes_per_period));
+    }
+    bits.push_back(std::move(measured));
+    double top = 0, bottom = 0;
+    for (const auto& m : bits) {
+      top += m.bit.lever_mm * m.bit.delta_mm.value;
+      bottom += m.bit.lever_mm * m.bit.lever_mm;
+    }
+    if (bottom > 0) theta = top / bottom;
+  }
+  if (bits.empty()) {
+    return unanswerable(fmt::format(
+        "no Gray bit has {} edges in the picture: a larger part of the board must be in the field", kMinEdges));
+  }
+
+  // A bit that shows one kind of edge only keeps what shifts its threshold; the others tell how much that is.
+  double sum = 0;
+  int n_both = 0;
+  for (const auto& m : bits) {
+    if (!m.both_kinds) continue;
+    sum += std::pow(0.5 * (m.bit.rising_mm - m.bit.falling_mm), 2);
+    ++n_both;
+  }
+  const double u_threshold_mm = n_both > 0 ? std::sqrt(sum / n_both) : 0.001 * code.period;
+  for (auto& m : bits) {
+    if (!m.both_kinds) m.bit.u_noise_mm = std::hypot(m.bit.u_noise_mm, u_threshold_mm);
+  }
+
+  const double u_offset_mm = layout.u_placement_mm * std::sqrt(slots.sum_w2);
+  AngleFit fit = fit_angle(bits, layout.u_placement_mm, u_offset_mm);
+  if (bits.size() == 1) {
+    result.remarks.push_back(
+        "one bit only: what the patterns' placement errors do and what the angle does cannot be told apart");
+  } else if (fit.chi2_per_dof > chi2_limit(fit.dof)) {
+    const double widening = std::sqrt(fit.chi2_per_dof);
+    fit.theta.u *= widening;
+    result.remarks.push_back(
+        fmt::format("the bits contradict one angle beyond chance (chi2/dof {:.1f}): the uncertainty is "
+                    "widened {:.1f} times; check the layout of the patterns and their placement",
+                    fit.chi2_per_dof, widening));
+  }
+  result.theta_rad = fit.theta;
+  result.chi2_per_dof = fit.chi2_per_dof;
+  for (auto& m : bits) {
+    m.bit.delta_mm.u = std::sqrt(m.bit.u_noise_mm * m.bit.u_noise_mm + layout.u_placement_mm * layout.u_placement_mm +
+                                 u_offset_mm * u_offset_mm);
+    result.bits.push_back(m.bit);
+  }
+  std::sort(result.bits.begin(), result.bits.end(), [](const auto& a, const auto& b) { return a.bit > b.bit; });
+  const double lever = result.bits.front().lever_mm;
+  result.delta_mm = {lever * std::sin(fit.theta.value), std::abs(lever) * fit.theta.u};
+  result.fraction_of_period = result.delta_mm.value / code.period;
+  add_jump_figures(capture, axis, result);
+  return result;
+}
+
+AlignmentProfile alignment_profile(const Capture& capture, CodeAxis axis, int row) {
+  const auto& code = capture.info.plan.code(axis);
+  decode::DecodeOptions plain;
+  plain.edges = decode::EdgeRule::plain;
+  const auto map = decode::decode_phase(capture, axis, plain);
+  const bool rows = axis == CodeAxis::x;
+  if (!(row >= 0 && row < (rows ? map.height() : map.width()))) {
+    throw InputError(fmt::format("row {} is outside of the picture ({} rows along the code)", row,
+                                 rows ? map.height() : map.width()));
+  }
+  AlignmentProfile profile{.row = row, .column = {}, .gray_number = {}, .phase_rad = {}, .wrapped_rad = {}};
+  for (int i = 0; i < (rows ? map.width() : map.height()); ++i) {
+    const int x = rows ? i : row, y = rows ? row : i;
+    if (!map.valid(x, y)) continue;
+    int number = 0, bit = 0;  // binary reflected: each binary digit is the sum of the Gray bits so far
+    for (int b = 0; b < code->gray_bits; ++b) {
+      const auto& frame = capture.frames[*capture.info.plan.find({PatternKind::gray, axis, b})];
+      const double level = std::visit([&](const auto& image) { return static_cast<double>(image(x, y)); }, frame);
+      bit ^= level > map.mean(x, y) ? 1 : 0;
+      number = 2 * number + bit;
+    }
+    profile.column.push_back(i);
+    profile.gray_number.push_back(number);
+    profile.phase_rad.push_back(map.phase_rad(x, y));
+    profile.wrapped_rad.push_back(map.wrapped_rad(x, y));
+  }
+  return profile;
+}
+
+}  // namespace fringecal::calib

@@ -2,12 +2,21 @@
 //
 // A pattern that sits k pitches d along the slide arrives k d sin(theta) off sideways. With bits b = 0 .. n-1 and the
 // phase patterns after them, bit b jumps against the phase by
-//   delta_b = (n + 2 - b) d sin(theta)   on the grating                                           (1)  [paper.md]
-//   delta   = (w_jump / w_period) p                                                               (2)  [Chen2008, eq.
-//   21]
-// Gray edges and phase wraps are located to a fraction of a pixel along each row on *plain* maps; rising and falling
-// edges are kept apart and averaged (the ripple of the threshold A moves them oppositely). theta > 0 puts a Gray edge
-// at larger u than its phase edge.
+//   delta_b = (n + 2 - b) d sin(theta)   on the grating                                       (1)  [paper.md]
+//   delta   = (w_jump / w_period) p                                                           (2)  [Chen2008, eq. 21]
+// Gray edges and phase wraps are located to a fraction of a pixel along each row on *plain* quantities
+// (align_edges.h); rising and falling edges are kept apart and averaged (what moves the threshold moves them
+// oppositely). theta > 0 puts a Gray edge at larger u than its phase edge.
+//
+// The wrap of N steps sits at the mean slot sum w_k s_k of the phase patterns, w_k = (2/N) sin^2(2 pi k / N)      (3)
+// (four steps: the mean of PS1 and PS3, exact at any angle). With L_b the distance along the slide from bit b to it,
+//   delta_b = L_b sin(theta) + o + e_b,  e_b the placement of the Gray pattern, o that of the phase patterns      (4)
+// is solved for theta and o by generalised least squares. u(e_b) is the prior of GratingLayout, u(o)^2 = sum w_k^2
+// u^2. The scatter of the edges themselves (noise) comes from blocks of rows and is far smaller. Where the bits
+// contradict eq. 4 beyond chance (chi2), u is widened by sqrt(chi2/dof) and a remark says so.
+// Fine bits decide first: a coarse bit may be off by more than half a period, so each bit's edges are matched to the
+// wraps that the finer bits' angle predicts; the start is the difference of the two finest bits (one pitch only).
+// u of a single bit's delta contains the placement errors, so that delta_b / L_b is a fair witness of theta.
 #pragma once
 
 #include "calib/decode/decode.h"
@@ -23,6 +32,8 @@ struct GratingLayout {
   double pattern_pitch_mm = 0;  // d along the slide
   /// Slot of each Gray bit and of each phase step along the slide, in pitches. Empty: GC0 .. GC(n-1), PS0 .. PS(N-1).
   std::vector<int> gray_slots, phase_slots;
+  /// Standard uncertainty of one pattern's place across the fringes: lithography 0.2 um and slide 0.3 um together.
+  double u_placement_mm = 0.00036;
 };
 
 struct BitMisalignment {
@@ -31,14 +42,16 @@ struct BitMisalignment {
   double fraction_of_period = 0;  // delta / p
   double rising_mm = 0,
          falling_mm = 0;  // medians over edges of each kind; NaN-free: equal to delta where a kind is absent
+  double u_noise_mm = 0;  // of delta, without the placement errors: how well this stack shows it
+  double lever_mm = 0;    // L_b of eq. 4
   int n_edges = 0;        // edge crossings used, all rows
   double jump_px = 0, period_px = 0;  // the paper's figures: whole jump pixels and pixels of one period, medians
 };
 
 struct Misalignment {
-  Uncertain theta_rad;                // from all bits, eq. 1
-  Uncertain delta_mm;                 // of the finest bit that makes a jump
-  double fraction_of_period = 0;      // of that bit
+  Uncertain theta_rad;            // from all bits, eq. 1
+  Uncertain delta_mm;             // L_b sin(theta) of the finest bit that makes a jump: its own placement error is out
+  double fraction_of_period = 0;  // of that bit
   std::vector<BitMisalignment> bits;  // finest first
   double chi2_per_dof = 0;            // of eq. 1 over the bits
   std::vector<std::string> remarks;   // what the bits leave open, what was left out and why

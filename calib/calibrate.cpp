@@ -1,1 +1,281 @@
 #include "calib/calibrate.h"
+
+#include "calib/initialise.h"
+#include "calib/joint_solve.h"
+#include "calib/model/triangulate.h"
+#include "core/error.h"
+
+#include <fmt/format.h>
+
+#include <Eigen/Geometry>
+
+#include <cmath>
+
+namespace fringecal::calib {
+namespace {
+
+using model::BoardObservation;
+using model::Scanner;
+
+constexpr std::array kRicher = {DistortionTerms::radial, DistortionTerms::radial_tangential, DistortionTerms::full};
+
+/// Fewer corners than this say less about a pose than its six parameters and the camera need together.
+constexpr std::size_t kMinCorners = 8;
+
+std::string defect_of(const BoardObservation& o, const model::Board& board) {
+  if (o.corners.size() < kMinCorners) {
+    return fmt::format("{}: {} corners; a pose needs at least {}", o.name, o.corners.size(), kMinCorners);
+  }
+  for (const auto& c : o.corners) {
+    if (c.column < 0 || c.column >= board.columns || c.row < 0 || c.row >= board.rows) {
+      return fmt::format("{}: corner ({}, {}) is not on a board of {} x {}", o.name, c.column, c.row, board.columns,
+                         board.rows);
+    }
+    bool finite = c.pixel.allFinite() && c.u_pixel_px > 0 && std::isfinite(c.u_pixel_px);
+    for (const auto& u : {c.x, c.y}) finite = finite && (!u || (std::isfinite(u->value) && u->u > 0 && std::isfinite(u->u)));
+    if (!finite) {
+      return fmt::format("{}: corner ({}, {}) has a value or uncertainty that is not finite or not positive", o.name,
+                         c.column, c.row);
+    }
+  }
+  return "";
+}
+
+Bundle bundle_of(std::span<const BoardObservation> observations, const model::Board& board) {
+  Bundle b;
+  for (int row = 0; row < board.rows; ++row) {
+    for (int column = 0; column < board.columns; ++column) b.targets_mm.push_back(board.corner_mm(column, row).head<2>());
+  }
+  b.cam_from_board.resize(observations.size());
+  for (std::size_t pose = 0; pose < observations.size(); ++pose) {
+    for (const auto& c : observations[pose].corners) {
+      b.sights.push_back({static_cast<int>(pose), c.row * board.columns + c.column, c.pixel, c.u_pixel_px, c.x, c.y, true});
+    }
+  }
+  return b;
+}
+
+/// The set with the lowest Bayesian information criterion, BIC = chi2 + p ln n with the scales of the richest set for all.
+/// `terms` picks the field of the settings that varies. The bundle ends at the solution of the chosen set.
+struct Choice {
+  DistortionTerms terms = DistortionTerms::radial;
+  std::string words;  // the figures, for Scanner.method
+};
+
+Result<Choice> choose_terms(Bundle& bundle, SolveSettings settings, DistortionTerms SolveSettings::*terms) {
+  settings.*terms = DistortionTerms::full;
+  Bundle richest = bundle;
+  auto reference = solve_bundle(richest, settings);
+  if (!reference) {
+    settings.*terms = DistortionTerms::radial;
+    richest = bundle;
+    reference = solve_bundle(richest, settings);
+    if (!reference) return tl::unexpected(reference.error());
+    bundle = std::move(richest);
+    return Choice{DistortionTerms::radial, "richer sets are not determined by the poses"};
+  }
+  settings.fixed_scales = Eigen::Vector2d(reference->scale_camera, reference->scale_projector);
+  Choice best;
+  double best_bic = 0;
+  std::optional<Bundle> solved;
+  for (const DistortionTerms candidate : kRicher) {
+    settings.*terms = candidate;
+    Bundle trial = bundle;
+    for (std::size_t k = 0; k < trial.sights.size(); ++k) trial.sights[k].used = richest.sights[k].used;
+    const auto report = solve_bundle(trial, settings);
+    if (!report) continue;
+    const double bic = report->chi2 + term_count(candidate) * std::log(static_cast<double>(report->residuals));
+    best.words += fmt::format("{}BIC {} {:.1f}", best.words.empty() ? "" : ", ", name_of(candidate), bic);
+    if (!solved || bic < best_bic) {
+      best.terms = candidate;
+      best_bic = bic;
+      solved = std::move(trial);
+    }
+  }
+  if (!solved) return unanswerable("no set of distortion terms is determined by the poses; capture more of them");
+  bundle = std::move(*solved);
+  return best;
+}
+
+/// Triangulated corners against the nominal grid, each pose after a rigid fit: root mean square of the distances.
+double grid_rms_mm(const Bundle& bundle) {
+  const auto& projector = *bundle.projector;
+  const CodeAxis axis = projector.main_axis();
+  double sum = 0;
+  int count = 0;
+  for (std::size_t pose = 0; pose < bundle.cam_from_board.size(); ++pose) {
+    std::vector<Eigen::Vector3d> measured, nominal;
+    for (const Sight& s : bundle.sights) {
+      const auto& u = axis == CodeAxis::x ? s.x : s.y;
+      if (static_cast<std::size_t>(s.pose) != pose || !s.used || !u) continue;
+      const auto point =
+          model::triangulate(bundle.camera, projector, bundle.proj_from_cam, axis, s.pixel, u->value);
+      if (!point) continue;
+      const Eigen::Vector2d& t = bundle.targets_mm[static_cast<std::size_t>(s.target)];
+      measured.push_back(*point);
+      nominal.emplace_back(t.x(), t.y(), 0.0);
+    }
+    if (measured.size() < 4) continue;
+    const auto n = static_cast<Eigen::Index>(measured.size());
+    const Eigen::Map<const Eigen::Matrix3Xd> m(measured.front().data(), 3, n), b(nominal.front().data(), 3, n);
+    const Eigen::Matrix4d cam_from_board = Eigen::umeyama(b, m, false);
+    const Eigen::Matrix3Xd off = m - ((cam_from_board.topLeftCorner<3, 3>() * b).colwise() +
+                                      Eigen::Vector3d(cam_from_board.topRightCorner<3, 1>()));
+    sum += off.squaredNorm();
+    count += static_cast<int>(n);
+  }
+  return count > 0 ? std::sqrt(sum / count) : 0.0;
+}
+
+/// L by default: the corners' mean distance along the projector's axis.
+double mean_distance_mm(const Bundle& bundle) {
+  double sum = 0;
+  for (const Sight& s : bundle.sights) {
+    const Eigen::Vector2d& t = bundle.targets_mm[static_cast<std::size_t>(s.target)];
+    const auto& pose = bundle.cam_from_board[static_cast<std::size_t>(s.pose)];
+    sum += (bundle.proj_from_cam * (pose * Eigen::Vector3d(t.x(), t.y(), 0))).z();
+  }
+  return sum / static_cast<double>(bundle.sights.size());
+}
+
+/// The sentence about a focal length that the poses leave open by more than a tenth, or nothing.
+std::string open_focal_length(const model::ParameterCovariance& covariance, const std::string& name, double f) {
+  const double u = covariance.u(name).value_or(0.0);
+  if (u <= 0.1 * std::abs(f)) return "";
+  return fmt::format("the poses leave {} open: {:.4g} with a standard uncertainty of {:.2g}; capture the board tilted by 20 "
+                     "to 40 degrees about different axes",
+                     name, f, u);
+}
+
+std::vector<model::Prior> priors_of(const SolveSettings& s, CodeAxis main) {
+  std::vector<model::Prior> out;
+  if (s.u_pitch_relative > 0) {
+    out.push_back({"board.pitch_relative_error", 0.0, s.u_pitch_relative, "the board's certificate or its maker"});
+  }
+  if (s.u_print_mm > 0) {
+    out.push_back({"board.print_error_mm", 0.0, s.u_print_mm, "of each corner, x and y, the same in every pose"});
+  }
+  if (s.u_bow_mm > 0) {
+    out.push_back({"board.bow_mm", 0.0, s.u_bow_mm, "two parabolas over the board's field, across x and y"});
+  }
+  if (s.u_along_mm > 0) {
+    out.push_back({main == CodeAxis::x ? "proj_from_cam.translation_y_mm" : "proj_from_cam.translation_x_mm", 0.0,
+                   s.u_along_mm,
+                   "the code of one axis does not see the projector's place along the fringes; the pupils are taken as level "
+                   "along them within a tenth of the base line"});
+  }
+  return out;
+}
+
+void fill_observations(Scanner& scanner, std::span<const BoardObservation> observations, const Bundle& bundle,
+                       const SolveReport& report) {
+  scanner.observations.assign(observations.begin(), observations.end());
+  std::size_t k = 0;
+  for (auto& o : scanner.observations) {
+    for (auto& c : o.corners) {
+      c.used = bundle.sights[k++].used;
+      c.u_pixel_px *= report.scale_camera;
+      if (c.x) c.x->u *= report.scale_projector;
+      if (c.y) c.y->u *= report.scale_projector;
+    }
+  }
+}
+
+}  // namespace
+
+Result<Scanner> calibrate(std::span<const BoardObservation> observations, const model::Board& board, int width_px,
+                          int height_px, const PatternPlan& plan, const CalibrationOptions& options) {
+  require(width_px > 0 && height_px > 0, "calibrate() gets the size of the camera's images");
+  require(plan.x || plan.y, "calibrate() gets a plan that codes at least one axis");
+  const bool both = plan.x && plan.y;
+  const int needed = std::max(options.min_poses, 3);
+  if (static_cast<int>(observations.size()) < needed) {
+    return unanswerable(fmt::format("{} poses of the board; at least {} are needed, 10 to 15 with different tilts are good",
+                                    observations.size(), needed));
+  }
+  if (!both && options.projector_terms != DistortionTerms::none && options.projector_terms != DistortionTerms::radial) {
+    return unanswerable("a projector coded along one axis shows radial distortion only: projector terms 'none' or 'radial'");
+  }
+  for (const auto& o : observations) {
+    if (const std::string defect = defect_of(o, board); !defect.empty()) return unanswerable(defect);
+  }
+
+  Bundle bundle = bundle_of(observations, board);
+  bundle.camera.width_px = width_px;
+  bundle.camera.height_px = height_px;
+  if (const auto started = initialise_camera(bundle); !started) return tl::unexpected(started.error());
+
+  SolveSettings settings;
+  settings.u_print_mm = board.u_print_mm;
+  settings.u_pitch_relative = board.u_pitch_relative;
+  std::string method = "joint least squares, autodiff Levenberg-Marquardt, variance components; camera terms ";
+  if (options.camera_terms == DistortionTerms::automatic) {
+    auto choice = choose_terms(bundle, settings, &SolveSettings::camera_terms);
+    if (!choice) return tl::unexpected(choice.error());
+    settings.camera_terms = choice->terms;
+    method += fmt::format("{} ({})", name_of(choice->terms), choice->words);
+  } else {
+    settings.camera_terms = options.camera_terms;
+    const auto alone = solve_bundle(bundle, settings);
+    if (!alone) return tl::unexpected(alone.error());
+    method += name_of(settings.camera_terms);
+  }
+
+  bundle.projector.emplace();
+  if (plan.x) bundle.projector->x = model::ProjectorAxis{*plan.x, 0, 0};
+  if (plan.y) bundle.projector->y = model::ProjectorAxis{*plan.y, 0, 0};
+  const CodeAxis main = bundle.projector->main_axis();
+  if (const auto started = initialise_projector(bundle); !started) return tl::unexpected(started.error());
+  const double diagonal = (bundle.targets_mm.back() - bundle.targets_mm.front()).norm();
+  settings.u_bow_mm = options.u_bow_relative * diagonal;
+  if (!both) settings.u_along_mm = 0.1 * bundle.proj_from_cam.translation_mm.norm();
+  method += "; projector terms ";
+  if (options.projector_terms == DistortionTerms::automatic) {
+    auto choice = choose_terms(bundle, settings, &SolveSettings::projector_terms);
+    if (!choice) return tl::unexpected(choice.error());
+    settings.projector_terms = choice->terms;
+    method += fmt::format("{} ({})", name_of(choice->terms), choice->words);
+  } else {
+    settings.projector_terms = options.projector_terms;
+    method += name_of(settings.projector_terms);
+  }
+  const auto report = solve_bundle(bundle, settings);
+  if (!report) return tl::unexpected(report.error());
+  for (const auto& [name, f] : {std::pair<std::string, double>{"camera.fx_px", bundle.camera.fx_px},
+                                {"projector.x.f", bundle.projector->x ? bundle.projector->x->f : 1.0},
+                                {"projector.y.f", bundle.projector->y ? bundle.projector->y->f : 1.0}}) {
+    if (const std::string open = open_focal_length(report->covariance, name, f); !open.empty()) return unanswerable(open);
+  }
+
+  method += fmt::format("; stated u of camera corners times {:.3g}, of projector coordinates times {:.3g}",
+                        report->scale_camera, report->scale_projector);
+  if (settings.u_bow_mm > 0) {
+    method += fmt::format("; board bow {:+.3f} mm along x, {:+.3f} mm along y", bundle.bow_mm.x(), bundle.bow_mm.y());
+  }
+
+  Scanner scanner;
+  scanner.camera = bundle.camera;
+  scanner.camera.pixel_mm = options.pixel_mm;
+  scanner.projector = *bundle.projector;
+  scanner.proj_from_cam = bundle.proj_from_cam;
+  scanner.working_distance_mm = options.working_distance_mm.value_or(mean_distance_mm(bundle));
+  scanner.uncertainty = report->covariance;
+  scanner.priors = priors_of(settings, main);
+  scanner.method = method;
+  scanner.board = board;
+  scanner.cam_from_board = bundle.cam_from_board;
+  fill_observations(scanner, observations, bundle, *report);
+  auto& r = scanner.residuals;
+  r.camera_rms_px = report->camera_rms_px;
+  r.projector_rms = report->projector_rms;
+  r.projector_unit = plan.code(main)->unit;
+  r.grid_rms_mm = grid_rms_mm(bundle);
+  r.chi2_per_dof = report->chi2 / report->dof;
+  for (const Sight& s : bundle.sights) ++(s.used ? r.corners_used : r.corners_rejected);
+  r.poses = static_cast<int>(observations.size());
+  r.iterations = report->iterations;
+  scanner.provenance = provenance_now();
+  return scanner;
+}
+
+}  // namespace fringecal::calib

@@ -31,8 +31,11 @@ struct CalibrationOptions {
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;  // none or radial where one axis only is coded
   int min_poses = 3;
-  std::optional<double> pixel_mm;             // passed on to the Scanner for the paper's parameters
-  std::optional<double> working_distance_mm;  // L; by default the boards' mean distance along the projector's axis
+  // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal: printed
+  // and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.
+  double u_bow_relative = 1e-3;
+  std::optional<double> pixel_mm = {};             // passed on to the Scanner for the paper's parameters
+  std::optional<double> working_distance_mm = {};  // L; by default the boards' mean distance along the projector's axis
 };
 
 Result<model::Scanner> calibrate(std::span<const model::BoardObservation> observations, const model::Board& board,

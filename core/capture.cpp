@@ -139,6 +139,14 @@ std::string defect_of_frame(const GrayImage& image, int width_px, int height_px,
   return "";
 }
 
+void read_notes(Fields& fields, CaptureInfo& info) {
+  info.exposure_ms = fields.optional_number("exposure_ms");
+  info.temperatures_degC = free_table<std::map<std::string, double>>(
+      fields, "temperatures_degC", [](Fields& t, const std::string& key) { return t.number(key); });
+  info.devices = free_table<std::map<std::string, std::string>>(
+      fields, "devices", [](Fields& t, const std::string& key) { return t.text(key); });
+}
+
 CaptureInfo read_capture_info(const fs::path& folder) {
   const fs::path file = folder / kFileName;
   std::error_code error;
@@ -155,11 +163,7 @@ CaptureInfo read_capture_info(const fs::path& folder) {
   info.width_px = fields.integer("width_px");
   info.height_px = fields.integer("height_px");
   info.bits = fields.integer("bits");
-  info.exposure_ms = fields.optional_number("exposure_ms");
-  info.temperatures_degC = free_table<std::map<std::string, double>>(
-      fields, "temperatures_degC", [](Fields& t, const std::string& key) { return t.number(key); });
-  info.devices = free_table<std::map<std::string, std::string>>(
-      fields, "devices", [](Fields& t, const std::string& key) { return t.text(key); });
+  read_notes(fields, info);
   Fields codes = fields.table("codes");
   if (auto x = codes.optional_table("x")) info.plan.x = fringe_code_from(*x);
   if (auto y = codes.optional_table("y")) info.plan.y = fringe_code_from(*y);

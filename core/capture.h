@@ -48,6 +48,9 @@ Capture read_capture(const std::filesystem::path& folder);
 /// capture.json alone, without touching the frames.
 CaptureInfo read_capture_info(const std::filesystem::path& folder);
 
+/// The keys that a capture.json and an import plan share: exposure_ms, temperatures_degC, devices.
+void read_notes(Fields& fields, CaptureInfo& info);
+
 /// Empty, or what is wrong with a frame that should have this size and this number of significant bits, as the rest of
 /// a sentence that begins with the frame.
 std::string defect_of_frame(const GrayImage& image, int width_px, int height_px, int bits);

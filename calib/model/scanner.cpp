@@ -134,19 +134,9 @@ Provenance provenance_from(Fields f) {
   return p;
 }
 
-}  // namespace
-
-std::optional<double> ParameterCovariance::u(const std::string& name) const {
-  const auto it = std::find(names.begin(), names.end(), name);
-  if (it == names.end()) return std::nullopt;
-  const auto i = static_cast<Eigen::Index>(it - names.begin());
-  return std::sqrt(covariance(i, i));
-}
-
-Scanner Scanner::changed_by(const Eigen::VectorXd& increments) const {
-  require(increments.size() == static_cast<Eigen::Index>(uncertainty.names.size()), "one increment per parameter");
-  Scanner s = *this;
-  Eigen::Vector3d rotation = Eigen::Vector3d::Zero(), translation = Eigen::Vector3d::Zero();
+/// Where each named parameter lives. The rotation's three stand in `rotation`, as a rotation vector.
+std::map<std::string, double*> parameter_places(Scanner& s, Eigen::Vector3d& rotation) {
+  Eigen::Vector3d& translation = s.proj_from_cam.translation_mm;
   std::map<std::string, double*> places = {
       {"camera.fx_px", &s.camera.fx_px},
       {"camera.fy_px", &s.camera.fy_px},
@@ -172,6 +162,32 @@ Scanner Scanner::changed_by(const Eigen::VectorXd& increments) const {
     places["projector.y.f"] = &s.projector.y->f;
     places["projector.y.u0"] = &s.projector.y->u0;
   }
+  return places;
+}
+
+}  // namespace
+
+std::optional<double> ParameterCovariance::u(const std::string& name) const {
+  const auto it = std::find(names.begin(), names.end(), name);
+  if (it == names.end()) return std::nullopt;
+  const auto i = static_cast<Eigen::Index>(it - names.begin());
+  return std::sqrt(covariance(i, i));
+}
+
+double Scanner::value_of(const std::string& name) const {
+  Scanner s = *this;
+  Eigen::Vector3d rotation = vector_from_rotation(proj_from_cam.rotation);
+  const auto places = parameter_places(s, rotation);
+  const auto place = places.find(name);
+  require(place != places.end(), "a parameter is asked for by a name of the model");
+  return *place->second;
+}
+
+Scanner Scanner::changed_by(const Eigen::VectorXd& increments) const {
+  require(increments.size() == static_cast<Eigen::Index>(uncertainty.names.size()), "one increment per parameter");
+  Scanner s = *this;
+  Eigen::Vector3d rotation = Eigen::Vector3d::Zero();
+  const auto places = parameter_places(s, rotation);
   for (std::size_t i = 0; i < uncertainty.names.size(); ++i) {
     const auto place = places.find(uncertainty.names[i]);
     if (place == places.end()) {
@@ -182,7 +198,6 @@ Scanner Scanner::changed_by(const Eigen::VectorXd& increments) const {
     *place->second += increments(static_cast<Eigen::Index>(i));
   }
   s.proj_from_cam.rotation = (rotation_from_vector(rotation) * s.proj_from_cam.rotation).normalized();
-  s.proj_from_cam.translation_mm += translation;
   return s;
 }
 

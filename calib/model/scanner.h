@@ -79,6 +79,8 @@ struct Scanner {
   std::vector<Rigid3> cam_from_board;  // estimated poses, as `observations`
   Provenance provenance;
 
+  /// A parameter by its name in `uncertainty`; a rotation's is that component of the rotation vector.
+  double value_of(const std::string& name) const;
   /// This scanner with its estimated parameters changed by increments in the order of uncertainty.names (a rotation
   /// from the left). Throws InputError on a name this program does not know.
   Scanner changed_by(const Eigen::VectorXd& increments) const;

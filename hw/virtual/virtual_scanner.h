@@ -6,10 +6,24 @@
 // binary grating blurred by the projector's lens, shifted by lithography, slide and fringe angle; then the camera's
 // blur, fixed-pattern gain, shot and read noise, quantisation, saturation. All values come from a TOML preset.
 //
+// Pattern s stands in slot s of the slide, at s pitches d along it. With the fringes at the angle theta to the slide,
+// it arrives displaced on the grating by
+//   offset_s = (s_ref - s) d sin(theta) + lithography + straightness + slide's error across              (1) [paper.md]
+// where s_ref is the slot at which the phase's wrap stands (step N/2: PS2 of four), so that the true u0 holds for it: a
+// Gray edge of bit b arrives (n + 2 - b) d sin(theta) beyond its phase edge, in growing u for theta > 0. The slide's
+// error along adds to s d. Warm-up: base and alpha grow by their drift times 1 - exp(-t / tau).
+//
+// Frames. The preset's `world` has O on R below the projector's pupil and Z along the normal of R. The projector's axis
+// is tilted against it, so this is *not* the `world` of a Scanner file (calib/model/scanner.h), which the projector's
+// axis defines; truth() has both and the transformation between them.
+//
+// Not rendered: the camera's own fall-off, light that surfaces throw at each other, gloss, defocus away from R.
+//
 // Determinism: the frames depend on preset, scene, state and seeds only, not on the number of threads.
 #pragma once
 
 #include "calib/model/camera.h"
+#include "calib/model/scanner.h"
 #include "core/capture.h"
 #include "core/uncertain.h"
 #include "hw/virtual/scene.h"
@@ -17,30 +31,40 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
+#include <vector>
 
 namespace fringecal::virt {
 
 /// What an operator can change, and what time does.
 struct InstrumentState {
-  double adjuster_mrad = 0;          // sum of the turns asked of the adjuster so far
+  double adjuster_mrad = 0;       // sum of the adjuster's turns so far, as its scale shows them
+  double adjuster_play_mrad = 0;  // hidden from the operator: how much of the backlash is open; kept by turn_adjuster()
   double minutes_since_start = 1e6;  // warm-up drift; large = settled
   double room_degC = 20.0;
   double exposure = 1.0;  // factor on the light
+};
+
+/// What may differ from the preset without another file.
+struct PresetOverrides {
+  std::optional<double> theta_mrad;  // fringe angle before any adjustment
+  std::optional<int> bits;           // 8 or 12
 };
 
 class VirtualScanner {
  public:
   /// preset: "chen2008" (built in) or a TOML file. instrument_seed: draws what is fixed for one instrument (lithography
   /// errors, fixed-pattern gain, straightness, printing errors of boards, artefacts' true values against certificates).
-  VirtualScanner(const std::string& preset, std::uint64_t instrument_seed);
+  VirtualScanner(const std::string& preset, std::uint64_t instrument_seed, const PresetOverrides& overrides = {});
   ~VirtualScanner();
   VirtualScanner(VirtualScanner&&) noexcept;
 
   /// One stack of all patterns of the plan. stack_seed: noise, step errors, flicker of this stack.
   Capture capture(const Scene& scene, const InstrumentState& state, std::uint64_t stack_seed) const;
 
-  /// Turns the adjuster with its scale error and backlash; returns nothing: the operator sees the effect in the next
+  /// Turns the adjuster, +x for +x in theta, with its resolution, scale error and backlash (turning on after a reversal
+  /// does nothing at first; a new instrument is engaged for negative turns). The operator sees the effect in the next
   /// stack.
   void turn_adjuster(double turn_mrad, InstrumentState& state);
 
@@ -61,9 +85,18 @@ class VirtualScanner {
   /// Scenes of the standard commissioning, by name: "alignment", "calibration 0" .. "calibration 14", "plane R" (R:
   /// repeat, a slightly different place each), "spheres R", "cylinder R". Throws std::logic_error on another name.
   Scene standard_scene(const std::string& name) const;
+  /// How many calibration scenes the preset has.
+  int calibration_scenes() const;
 
   /// The true instrument as JSON: lenses, poses, theta, artefacts. For tests and truth files only.
   Value truth(const InstrumentState& state) const;
+  /// The true instrument as a Scanner, and its camera in the preset's `world`. For tests and truth files only.
+  model::Scanner true_scanner(const InstrumentState& state) const;
+  Rigid3 preset_from_cam(const InstrumentState& state) const;
+  /// The true fringe angle. For tests and truth files only.
+  double true_theta_rad(const InstrumentState& state) const;
+  /// Where the corners of a board really are, row after row, in its part's frame. For tests and truth files only.
+  std::vector<Eigen::Vector3d> true_corners_mm(const PatternBoard& board) const;
 
  private:
   struct Instance;

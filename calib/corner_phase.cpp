@@ -1,0 +1,1 @@
+#include "calib/board_detection.h"

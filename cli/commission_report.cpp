@@ -1,0 +1,313 @@
+// Step 4 of a commissioning: the session's files put together for the report.
+#include "calib/align_loop.h"
+#include "calib/model/chen2008.h"
+#include "cli/commission_steps.h"
+#include "core/file.h"
+#include "core/image_file.h"
+#include "metrology/reconstruct.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <numbers>
+
+namespace fringecal::cli {
+namespace {
+
+// The targets of this version on the virtual scanner; the paper's own figures stand beside them.
+constexpr double kErrorLimit_mm = 0.06, kFormLimit_mm = 0.06;
+
+double number(const Value& tree, const char* key) {
+  const Value* v = tree.find(key);
+  if (v && v->if_real()) return *v->if_real();
+  if (v && v->if_integer()) return static_cast<double>(*v->if_integer());
+  return 0.0;
+}
+
+std::string text(const Value& tree, const char* key) {
+  const Value* v = tree.find(key);
+  return v && v->if_text() ? *v->if_text() : "";
+}
+
+const Value::Array& list(const Value& tree, const char* key) {
+  static const Value::Array kEmpty;
+  const Value* v = tree.find(key);
+  return v && v->if_array() ? *v->if_array() : kEmpty;
+}
+
+reports::ProfileColumns profile_of(const Capture& capture) {
+  const auto profile = calib::alignment_profile(capture, CodeAxis::x, capture.info.height_px / 2);
+  return {profile.row, profile.column, profile.gray_number, profile.phase_rad};
+}
+
+reports::AlignmentSection alignment_section(const CommissionSession& session, double period_mm, double& duration_s) {
+  reports::AlignmentSection section;
+  section.tolerance_fraction = calib::AlignmentLoopOptions{}.tolerance_of_period;
+  int last = 0;
+  for (int i = 0; session.has(fmt::format("alignment/iteration-{}.json", i)); ++i) {
+    const Value v = session.load(fmt::format("alignment/iteration-{}.json", i));
+    duration_s += number(v, "duration_s");
+    reports::AlignmentIteration iteration;
+    iteration.number = i + 1;
+    iteration.theta_mrad = {number(v, "theta_mrad"), number(v, "u_theta_mrad")};
+    iteration.bit = static_cast<int>(number(v, "bit"));
+    iteration.delta_um = {number(v, "delta_um"), number(v, "u_delta_um")};
+    iteration.fraction_of_period = iteration.delta_um.value * 1e-3 / period_mm;
+    for (const Value& bit : list(v, "bits")) {
+      if (static_cast<int>(number(bit, "bit")) != iteration.bit) continue;
+      iteration.period_px = number(bit, "period_px");
+      iteration.jump_px = number(bit, "jump_px");
+    }
+    if (text(v, "decision") == "turn") iteration.turn_mrad = number(v, "turn_mrad");
+    iteration.instruction = text(v, "sentence");
+    iteration.verdict = text(v, "decision");
+    section.iterations.push_back(iteration);
+    last = i;
+  }
+  section.before = profile_of(read_capture(session.path("alignment/iteration-0")));
+  section.after = profile_of(read_capture(session.path(fmt::format("alignment/iteration-{}", last))));
+  const auto& end = section.iterations.back();
+  section.conclusion =
+      fmt::format("{} after {} adjustments, from theta = {:+.3f} mrad to {:+.4f} mrad (u = {:.4f} mrad).",
+                  end.verdict == "aligned" ? "Aligned" : "Ended '" + end.verdict + "'", last,
+                  section.iterations.front().theta_mrad.value, end.theta_mrad.value, end.theta_mrad.u);
+  return section;
+}
+
+std::string unit_of(const std::string& name, const model::Scanner& scanner) {
+  if (name.ends_with("_px")) return "px";
+  if (name.ends_with("_rad")) return "rad";
+  if (name.ends_with("_mm")) return "mm";
+  if (name.ends_with(".f") || name.ends_with(".u0"))
+    return scanner.projector.axis(scanner.projector.main_axis())->code.unit;
+  return "";
+}
+
+reports::CalibrationSection calibration_section(const CommissionSession& session, const model::Scanner& scanner,
+                                                double& duration_s) {
+  reports::CalibrationSection section;
+  section.method = scanner.method;
+  section.residuals = scanner.residuals;
+  section.image_width_px = scanner.camera.width_px;
+  section.image_height_px = scanner.camera.height_px;
+  for (const auto& name : scanner.uncertainty.names) {
+    section.parameters.push_back({.name = name,
+                                  .value = scanner.value_of(name),
+                                  .u = scanner.uncertainty.u(name),
+                                  .unit = unit_of(name, scanner)});
+  }
+  const auto paper = model::chen2008_from(scanner);
+  const double deg = 180.0 / std::numbers::pi;
+  section.paper_parameters = {
+      {"L", paper.L_mm, {}, "mm", "working distance"},
+      {"b", paper.b_mm, {}, "mm", "base, camera to projector"},
+      {"alpha", paper.alpha_rad * deg, {}, "deg", "angle between the optical axes"},
+      {"p_R", paper.p_R_mm, {}, "mm", "fringe period on the reference plane"},
+      {"phi_O", paper.phi_O_rad, {}, "rad", "phase on the projector's axis"},
+      {"f_C", paper.f_C_mm, {}, "mm", "focal length of the camera"},
+      {"kc1", paper.kc1_per_mm2, {}, "mm^-2", "camera, 2nd order, eq. 18"},
+      {"kc2", paper.kc2_per_mm4, {}, "mm^-4", "camera, 4th order, eq. 18"},
+      {"kp1", paper.kp1_per_mm2, {}, "mm^-2", "projector, 2nd order, eq. 19"},
+      {"kp2", paper.kp2_per_mm4, {}, "mm^-4", "projector, 4th order, eq. 19"},
+  };
+  const Value poses = session.load("calibration/poses.json");
+  duration_s += number(poses, "duration_s");
+  for (const Value& pose : list(poses, "poses")) {
+    const Value* used = pose.find("used");
+    section.poses.push_back({text(pose, "name"), used && used->if_bool() && *used->if_bool(), text(pose, "reason")});
+  }
+  const CodeAxis axis = scanner.projector.main_axis();
+  for (std::size_t i = 0; i < scanner.observations.size(); ++i) {
+    for (const auto& corner : scanner.observations[i].corners) {
+      if (!corner.used) continue;
+      const Eigen::Vector3d in_cam = scanner.cam_from_board[i] * scanner.board->corner_mm(corner.column, corner.row);
+      if (const auto pixel = scanner.camera.project(in_cam)) {
+        section.camera_residuals.push_back(
+            {corner.pixel.x(), corner.pixel.y(), corner.pixel.x() - pixel->x(), corner.pixel.y() - pixel->y()});
+      }
+      const auto& measured = axis == CodeAxis::x ? corner.x : corner.y;
+      const auto u = scanner.projector.project(axis, scanner.proj_from_cam * in_cam);
+      if (measured && u) {
+        section.projector_residuals.push_back({corner.pixel.x(), corner.pixel.y(), measured->value - *u});
+      }
+    }
+  }
+  return section;
+}
+
+struct PaperRow {
+  const char* artefact;
+  const char* title;
+  const char* text;
+  double error_limit_mm, form_sd_mm;
+};
+// [Chen2008, section 4]
+constexpr PaperRow kPaper[] = {
+    {"plane", "Plane", "flat board 800 x 700 mm, 10 times", 0, 0.028},
+    {"sphere30", "Sphere 30 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
+    {"sphere38", "Sphere 38 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
+    {"sphere50", "Sphere 50 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
+    {"cylinder", "Cylinder 119.85 mm", "cylinder 119.85 mm, 10 times", 0.04, 0.035},
+};
+
+reports::ArtefactKind kind_from(metrology::ArtefactKind kind) { return static_cast<reports::ArtefactKind>(kind); }
+
+reports::ArtefactSection artefact_section(const CommissionSession& session, const virt::VirtualScanner& instrument,
+                                          const std::string& scene, const metrology::NominalArtefact& nominal) {
+  reports::ArtefactSection section;
+  section.kind = kind_from(nominal.kind);
+  for (const auto& row : kPaper) {
+    if (nominal.name != row.artefact) continue;
+    section.name = row.title;
+    section.paper.text = row.text;
+    if (row.error_limit_mm > 0) section.paper.error_limit_mm = row.error_limit_mm;
+    section.paper.form_sd_mm = row.form_sd_mm;
+  }
+  double u_calibration = 0, n_grazing = 0, n_gross = 0;
+  if (nominal.kind != metrology::ArtefactKind::plane) section.certificate_mm = instrument.certificate_mm(nominal.name);
+  for (const char* model : {"full", "chen2008", "ideal"}) {
+    std::vector<metrology::RepeatValue> repeats;
+    for (int r = 0; r < session.choices().repeats; ++r) {
+      const Value v = session.load(fmt::format("verification/{}-{:02}.json", scene, r));
+      if (r == 0) u_calibration = number(*v.find("u_calibration_mm"), nominal.name.c_str());
+      for (const Value& m : list(*v.find("models"), model)) {
+        if (text(m, "name") != nominal.name) continue;
+        metrology::RepeatValue value{.form_sd_mm = number(m, "form_standard_deviation_mm")};
+        if (m.find("diameter_mm")) value.diameter_mm = number(m, "diameter_mm");
+        repeats.push_back(value);
+        if (std::string(model) != "full") continue;
+        section.repeats.push_back({value.diameter_mm, value.form_sd_mm, static_cast<std::size_t>(number(m, "n_points")),
+                                   static_cast<std::size_t>(number(m, "n_gross"))});
+        n_grazing += number(m, "n_grazing");
+        n_gross += number(m, "n_gross");
+      }
+    }
+    const auto statistics = metrology::statistics_of(repeats);
+    reports::ModelResult result{.model = model,
+                                .mean_diameter_mm = statistics.mean_diameter_mm,
+                                .repeatability_sd_mm = statistics.repeatability_sd_mm,
+                                .max_form_sd_mm = statistics.max_form_sd_mm,
+                                .mean_form_sd_mm = statistics.mean_form_sd_mm};
+    if (section.certificate_mm && statistics.mean_diameter_mm) {
+      result.error_mm = *statistics.mean_diameter_mm - section.certificate_mm->value;
+      result.u_error_mm = metrology::u_of_error_mm(statistics, u_calibration, section.certificate_mm->u);
+    }
+    section.models.push_back(result);
+  }
+  const auto& full = section.models.front();
+  const bool met =
+      (!full.error_mm || std::abs(*full.error_mm) <= kErrorLimit_mm) && full.max_form_sd_mm <= kFormLimit_mm;
+  section.verdict = met ? reports::Verdict::met : reports::Verdict::not_met;
+  section.criterion = full.error_mm ? fmt::format(
+                                          "|mean - certificate| <= {} mm and form standard deviation <= {} mm, "
+                                          "simple acceptance",
+                                          kErrorLimit_mm, kFormLimit_mm)
+                                    : fmt::format("form standard deviation <= {} mm, simple acceptance", kFormLimit_mm);
+  const int n = session.choices().repeats;
+  section.remarks.push_back(
+      fmt::format("Left out per repeat, on average: {:.0f} points at more than 60 degrees of "
+                  "incidence, {:.1f} beyond 6 robust standard deviations.",
+                  n_grazing / n, n_gross / n));
+  if (full.u_error_mm) {
+    section.remarks.push_back(
+        fmt::format("u of the error: scatter of the mean, calibration ({:.4f} mm) and certificate "
+                    "({:.4f} mm); bias by the camera's blur at the silhouette is not in it.",
+                    u_calibration, section.certificate_mm->u));
+  }
+  section.deviation_mm =
+      read_float_tiff(session.path(fmt::format("verification/{}-00-{}-deviation.tiff", scene, nominal.name)));
+  section.deviation_caption = "First repeat; positive: outside the fitted surface";
+  return section;
+}
+
+}  // namespace
+
+reports::CommissioningReport gather_report(const CommissionSession& session, const virt::VirtualScanner& instrument) {
+  const auto scanner = model::read_scanner(session.path("scanner.json"));
+  reports::CommissioningReport report;
+  report.scanner_name = scanner.name;
+  report.virtual_instrument = true;
+  report.seed = session.choices().seed;
+  report.instrument_note = fmt::format(
+      "Preset {}: a stand-in for the scanner of Chen et al. (2008), rendered with the "
+      "errors of a real one.",
+      session.choices().preset);
+  report.provenance = provenance_now();
+  report.provenance.inputs.emplace_back("scanner.json", sha256_of_file(session.path("scanner.json")));
+  double align_s = 0, calibrate_s = 0, verify_s = 0;
+  report.alignment = alignment_section(session, instrument.plan().x->period, align_s);
+  report.calibration = calibration_section(session, scanner, calibrate_s);
+  for (const auto& scene : verification_scenes()) {
+    for (const auto& nominal : scene.artefacts) {
+      report.artefacts.push_back(artefact_section(session, instrument, scene.name, nominal));
+    }
+    for (int r = 0; r < session.choices().repeats; ++r) {
+      verify_s += number(session.load(fmt::format("verification/{}-{:02}.json", scene.name, r)), "duration_s");
+    }
+  }
+  report.stages = {{"alignment", align_s}, {"calibration", calibrate_s}, {"verification", verify_s}};
+
+  const Capture capture = read_capture(session.path("verification/spheres-00"));
+  for (std::size_t i = 0; i < capture.frames.size(); ++i) {
+    report.fringes.push_back({describe(capture.info.frames[i].pattern), capture.frames[i], capture.saturation_level()});
+  }
+  const auto map = decode::decode_phase(capture, scanner.projector.main_axis());
+  Image8 valid(map.width(), map.height());
+  for (std::size_t i = 0; i < valid.size(); ++i) valid.values()[i] = map.validity.values()[i] == 0 ? 1 : 0;
+  report.phase_map =
+      reports::PhaseMapPicture{"Absolute phase of the first capture of the spheres", map.phase_rad, valid};
+
+  bool all_met = true;
+  double worst_error = 0, worst_form = 0;
+  for (const auto& artefact : report.artefacts) {
+    all_met = all_met && artefact.verdict == reports::Verdict::met;
+    worst_error = std::max(worst_error, std::abs(artefact.models.front().error_mm.value_or(0.0)));
+    worst_form = std::max(worst_form, artefact.models.front().max_form_sd_mm);
+  }
+  const bool aligned = report.alignment->iterations.back().verdict == "aligned";
+  const auto line = [](bool met, std::string sentence) {
+    return reports::VerdictLine{met ? reports::Verdict::met : reports::Verdict::not_met, std::move(sentence)};
+  };
+  report.verdicts = {
+      line(aligned, report.alignment->conclusion),
+      line(worst_error <= kErrorLimit_mm,
+           fmt::format("Largest diameter error {:.4f} mm (limit {} mm).", worst_error, kErrorLimit_mm)),
+      line(worst_form <= kFormLimit_mm,
+           fmt::format("Largest form standard deviation {:.4f} mm (limit {} mm).", worst_form, kFormLimit_mm))};
+  report.verdict = aligned && all_met ? reports::Verdict::met : reports::Verdict::not_met;
+  report.verdict_text = aligned && all_met
+                            ? "The scanner is commissioned: aligned, calibrated, and every artefact within its limits."
+                            : "The scanner is not commissioned: see the lines that are not met.";
+  return report;
+}
+
+std::string summary_table(const reports::CommissioningReport& report) {
+  std::string out = fmt::format("{:<20}{:>12}{:>12}{:>10}{:>9}{:>10}{:>12}{:>11}\n", "artefact", "certificate", "mean",
+                                "error", "u", "form sd", "paper error", "paper sd");
+  const auto mm = [](const std::optional<double>& v, int digits) {
+    return v ? fmt::format("{:.{}f}", *v, digits) : std::string("-");
+  };
+  for (const auto& a : report.artefacts) {
+    const auto& m = a.models.front();
+    const auto signed_error = m.error_mm ? fmt::format("{:+.4f}", *m.error_mm) : std::string("-");
+    out += fmt::format(
+        "{:<20}{:>12}{:>12}{:>10}{:>9}{:>10}{:>12}{:>11}\n", a.name,
+        a.certificate_mm ? fmt::format("{:.4f}", a.certificate_mm->value) : "-", mm(m.mean_diameter_mm, 4),
+        signed_error, mm(m.u_error_mm, 4), fmt::format("{:.4f}", m.max_form_sd_mm),
+        a.paper.error_limit_mm ? fmt::format("< {}", *a.paper.error_limit_mm) : "-", mm(a.paper.form_sd_mm, 3));
+  }
+  out += "All in mm; mean of the repeats; form sd: the largest standard deviation of a repeat.\n\n";
+  out += fmt::format("{:<20}{:>24}{:>24}{:>24}\n", "model", "full rays", "paper, eqs. 1-20", "ideal lenses, 1-17");
+  for (const auto& a : report.artefacts) {
+    out += fmt::format("{:<20}", a.name);
+    for (const auto& m : a.models) {
+      out += fmt::format("{:>24}", fmt::format("{}form {:.3f}", m.error_mm ? fmt::format("{:+.3f}, ", *m.error_mm) : "",
+                                               m.max_form_sd_mm));
+    }
+    out += "\n";
+  }
+  out += "\n" + report.verdict_text + "\n";
+  return out;
+}
+
+}  // namespace fringecal::cli

@@ -1,0 +1,50 @@
+// The steps of a commissioning on the virtual scanner, each resumable, each leaving its results as files in the
+// session.
+//   alignment/iteration-N/      Capture of the flat board        alignment/iteration-N.json   what was measured and
+//   done calibration/pose-NN/        Captures of the board            scanner.json, scanner_ideal.json,
+//   calibration/dropped.json verification/SCENE-NN.json  one repeat: every artefact through the three models; frames
+//   and deviation maps of the first
+#pragma once
+
+#include "cli/commission_session.h"
+#include "cli/progress.h"
+#include "hw/virtual/virtual_scanner.h"
+#include "metrology/artefact.h"
+#include "reports/commissioning_report.h"
+
+#include <string>
+#include <vector>
+
+namespace fringecal::cli {
+
+inline constexpr int kMaxAlignments = 6;
+inline constexpr int kBoardPoses = 15;
+
+/// What is measured in the verification: the paper's section 4.
+struct VerificationScene {
+  std::string name;  // "plane", "spheres", "cylinder": standard scenes of the virtual scanner
+  std::vector<metrology::NominalArtefact> artefacts;
+};
+std::vector<VerificationScene> verification_scenes();
+
+/// Relative durations of the items, for the estimate of the time left.
+struct Weights {
+  static constexpr double alignment = 1.0, pose = 1.2, solve = 6.0, repeat = 1.6, report = 3.0;
+  static double total(int repeats);
+};
+
+/// Turns the grating until it is aligned; `state` ends where the last turn left the instrument.
+void align_step(const CommissionSession& session, virt::VirtualScanner& instrument, virt::InstrumentState& state,
+                Progress& progress);
+void calibrate_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
+                    const virt::InstrumentState& state, Progress& progress);
+void verify_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
+                 const virt::InstrumentState& state, Progress& progress);
+
+/// Everything the report shows, read from the session's files.
+reports::CommissioningReport gather_report(const CommissionSession& session, const virt::VirtualScanner& instrument);
+
+/// The table of the summary, for stdout.
+std::string summary_table(const reports::CommissioningReport& report);
+
+}  // namespace fringecal::cli

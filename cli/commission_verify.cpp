@@ -1,0 +1,90 @@
+// Step 3 of a commissioning: the paper's section 4. Plane, three spheres, cylinder, each ten times, through the full
+// model, the paper's eqs. 1 to 20, and its ideal eqs. 1 to 17.
+#include "cli/commission_steps.h"
+#include "core/error.h"
+#include "core/file.h"
+#include "core/image_file.h"
+#include "metrology/reconstruct.h"
+
+#include <fmt/format.h>
+
+#include <chrono>
+
+namespace fringecal::cli {
+namespace {
+
+Value to_value(const metrology::ArtefactMeasurement& m) {
+  Value out = Value::object().set("name", m.name).set("kind", metrology::name_of(m.kind));
+  if (m.diameter_mm) out.set("diameter_mm", *m.diameter_mm).set("u_diameter_noise_mm", m.u_diameter_noise_mm);
+  return out.set("form_standard_deviation_mm", m.form_standard_deviation_mm)
+      .set("place_mm", Value::numbers(m.place_mm))
+      .set("n_points", m.n_points)
+      .set("n_grazing", m.n_grazing)
+      .set("n_gross", m.n_gross);
+}
+
+}  // namespace
+
+std::vector<VerificationScene> verification_scenes() {
+  using metrology::ArtefactKind;
+  return {{"plane", {{"plane", ArtefactKind::plane, 0}}},
+          {"spheres",
+           {{"sphere50", ArtefactKind::sphere, 50},
+            {"sphere38", ArtefactKind::sphere, 38},
+            {"sphere30", ArtefactKind::sphere, 30}}},
+          {"cylinder", {{"cylinder", ArtefactKind::cylinder, 119.85}}}};
+}
+
+void verify_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
+                 const virt::InstrumentState& state, Progress& progress) {
+  const auto scanner = model::read_scanner(session.path("scanner.json"));
+  const auto ideal = model::read_scanner(session.path("scanner_ideal.json"));
+  const auto scenes = verification_scenes();
+  for (const auto& scene : scenes) {
+    for (int repeat = 0; repeat < session.choices().repeats; ++repeat) {
+      const std::string name = fmt::format("verification/{}-{:02}", scene.name, repeat);
+      if (session.has(name + ".json")) {
+        progress.done(Weights::repeat, true);
+        continue;
+      }
+      progress.start(fmt::format("verifying, {} {} of {}", scene.name, repeat + 1, session.choices().repeats));
+      const auto begin = std::chrono::steady_clock::now();
+      Capture capture = instrument.capture(instrument.standard_scene(fmt::format("{} {}", scene.name, repeat)), state,
+                                           session.stack_seed(name));
+      // The frames of the first repeat stay beside the results; the others can be rendered again from the seed.
+      if (repeat == 0) write_capture(session.path(name), capture);
+      const auto map = decode::decode_phase(capture, scanner.projector.main_axis());
+      Value models = Value::object(), u_calibration = Value::object();
+      for (const auto& [model, word] : {std::pair(metrology::ReconstructionModel::full, "full"),
+                                        std::pair(metrology::ReconstructionModel::chen2008, "chen2008"),
+                                        std::pair(metrology::ReconstructionModel::ideal, "ideal")}) {
+        const bool full = model == metrology::ReconstructionModel::full;
+        const auto& through = model == metrology::ReconstructionModel::ideal ? ideal : scanner;
+        const auto cloud = metrology::reconstruct(map, through, {.model = model, .normals = false}).cloud;
+        const auto found = metrology::measure_artefacts(cloud, through, scene.artefacts);
+        if (!found) throw InputError(fmt::format("{} ({} model): {}", name, word, found.error().sentence));
+        Value list = Value::array();
+        for (const auto& m : *found) {
+          list.append(to_value(m));
+          if (!full || repeat > 0) continue;
+          write_atomically(session.path(fmt::format("{}-{}-deviation.tiff", name, m.name)),
+                           encode_tiff(m.deviation_mm));
+          if (!m.diameter_mm) continue;
+          const auto u = metrology::u_diameter_from_calibration(m, scanner);
+          if (!u) throw InputError(fmt::format("{}: {}: {}", name, m.name, u.error().sentence));
+          u_calibration.set(m.name, *u);
+        }
+        models.set(word, list);
+      }
+      const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - begin;
+      session.store(name + ".json", Value::object()
+                                        .set("models", models)
+                                        .set("u_calibration_mm", u_calibration)
+                                        .set("duration_s", duration.count()));
+      progress.done(Weights::repeat);
+    }
+    progress.finish_step(fmt::format("{} measured {} times", scene.name, session.choices().repeats));
+  }
+}
+
+}  // namespace fringecal::cli

@@ -1,0 +1,55 @@
+// From light to grey levels: the camera's blur, gain, noise and digits.
+//
+// With R(x, y) the radiance in grey levels of 255, G the Gaussian of blur_px rms (sampled, normalised), g the pixel's
+// own gain, n a unit normal number:
+//   S = g (G * R)                                                                                              (1)
+//   I = S + n sigma(S),   sigma^2 = noise_rms^2 ((1 - q) + q S / mid),  q the shot fraction, mid = 127.5        (2)
+//   frame = round(I (2^bits - 1) / 255), held to [0, 2^bits - 1]                                               (3)
+// The same scene saturates at the same light with 8 and with 12 bits. Shot noise is taken as normal: at the full well
+// of such a sensor a grey level is some hundred electrons.
+#pragma once
+
+#include "core/image.h"
+#include "hw/virtual/grating.h"
+#include "hw/virtual/light_field.h"
+
+#include <cstdint>
+
+namespace fringecal::virt {
+
+/// One frame to be: a pattern, where it stands, how bright the light is.
+struct Exposure {
+  Pattern pattern;
+  double offset_mm = 0;     // displacement of the pattern on the grating
+  double ambient = 0;       // grey levels
+  double light_factor = 1;  // exposure times flicker
+  std::uint64_t noise_key = 0;
+};
+
+class Sensor {
+ public:
+  Sensor(const Preset& preset, std::uint64_t instrument_seed);
+
+  /// Pixels around the sensor from which its blur collects light.
+  int margin() const { return static_cast<int>(kernel_.size()); }
+  std::vector<GrayImage> take(const LightField& field, const Grating& grating,
+                              const std::vector<Exposure>& exposures) const;
+
+ private:
+  struct Band {
+    int first_row, rows;
+  };
+  void radiance_row(const LightField& field, const Grating& grating, const Exposure& e, int y,
+                    std::span<float> out) const;
+  template <class Pixel>
+  void take_band(const LightField& field, const Grating& grating, const Exposure& e, Band band,
+                 Image<Pixel>& frame) const;
+
+  int width_, height_, bits_;
+  double noise_variance_, shot_fraction_;
+  float centre_;               // the kernel's middle weight ...
+  std::vector<float> kernel_;  // ... and those at distance 1, 2, ...
+  Image<float> gain_;
+};
+
+}  // namespace fringecal::virt

@@ -1,0 +1,108 @@
+#include "hw/virtual/standard_scenes.h"
+
+#include "core/error.h"
+#include "hw/virtual/random.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <numbers>
+
+namespace fringecal::virt {
+namespace {
+
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+
+const Preset::Artefact& artefact_of(const Preset& preset, const std::string& name) {
+  const auto it = preset.artefacts.find(name);
+  if (it == preset.artefacts.end()) throw std::logic_error("broken contract: there is no artefact named " + name);
+  return it->second;
+}
+
+// Where a hand puts the thing: the preset's place, scattered.
+Rigid3 put(const Preset::Placing& placing, const Place& p, Stream& random) {
+  const Eigen::Vector3d shift = placing.shift_mm * random.normal3(), turn = placing.turn_deg * random.normal3();
+  const Eigen::Quaterniond scatter = rotation_from_vector(kRadPerDeg * turn);
+  const Eigen::Quaterniond nominal = rotation_from_vector(kRadPerDeg * Eigen::Vector3d(p[3], p[4], p[5]));
+  return {(scatter * nominal).normalized(), Eigen::Vector3d(p[0], p[1], p[2]) + shift};
+}
+
+SceneObject object(std::string name, std::variant<FlatBoard, PatternBoard, Sphere, Cylinder> shape,
+                   const Rigid3& pose) {
+  SceneObject out;
+  out.name = std::move(name);
+  out.shape = std::move(shape);
+  out.world_from_part = pose;
+  return out;
+}
+
+}  // namespace
+
+Uncertain certificate_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact) {
+  const auto& a = artefact_of(preset, artefact);
+  const double made = a.nominal_mm + a.making_mm * Stream(instrument_seed, "making of " + artefact).normal();
+  return {std::round(made * 1e4) * 1e-4, a.u_mm};  // a certificate is printed to 0.1 um
+}
+
+double true_diameter_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact) {
+  const Uncertain certificate = certificate_mm(preset, instrument_seed, artefact);
+  return certificate.value + certificate.u * Stream(instrument_seed, "truth of " + artefact).normal();
+}
+
+model::Board certified_board(const Preset& preset, const std::string& kind) {
+  require(kind == "chessboard" || kind == "circles", "a certified board is a \"chessboard\" or \"circles\"");
+  const auto& size = kind == "chessboard" ? preset.boards.chessboard : preset.boards.circles;
+  model::Board b;
+  b.kind = kind == "chessboard" ? model::BoardKind::chessboard : model::BoardKind::circles;
+  b.columns = size.columns;
+  b.rows = size.rows;
+  b.pitch_x_mm = b.pitch_y_mm = size.pitch_mm;
+  b.u_print_mm = preset.boards.u_print_mm;
+  b.u_pitch_relative = preset.boards.u_pitch_relative;
+  b.certificate = fmt::format("virtual certificate of the {} of {}", kind, preset.name);
+  return b;
+}
+
+PatternBoard true_board(const Preset& preset, std::uint64_t instrument_seed, const std::string& kind) {
+  PatternBoard out;
+  out.board = certified_board(preset, kind);
+  out.u_print_mm = preset.boards.u_print_mm;
+  out.bow_mm = preset.boards.bow_mm;
+  out.pitch_error_relative = preset.boards.u_pitch_relative * Stream(instrument_seed, "pitch of " + kind).normal();
+  return out;
+}
+
+Scene standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name) {
+  const auto space = name.find(' ');
+  const std::string kind = name.substr(0, space), number = space == std::string::npos ? "" : name.substr(space + 1);
+  const bool numbered = !number.empty() && number.find_first_not_of("0123456789") == std::string::npos;
+  Stream random(instrument_seed, "scene " + name);
+  const FlatBoard flat{preset.flat_board_width_mm, preset.flat_board_height_mm};
+  if (name == "alignment") {
+    return {{object("board", flat, put(preset.alignment, preset.alignment.places.at("place"), random))}};
+  }
+  if (kind == "plane" && numbered) {
+    return {{object("board", flat, put(preset.plane, preset.plane.places.at("place"), random))}};
+  }
+  if (kind == "calibration" && numbered && preset.calibration.places.contains(number)) {
+    // Half a turn about X first: the board's rows then run downwards, as the image's.
+    const Rigid3 facing{rotation_from_vector({std::numbers::pi, 0, 0}), Eigen::Vector3d::Zero()};
+    const Rigid3 pose = put(preset.calibration, preset.calibration.places.at(number), random) * facing;
+    return {{object("chessboard", true_board(preset, instrument_seed, "chessboard"), pose)}};
+  }
+  if (kind == "spheres" && numbered) {
+    Scene scene;
+    for (const auto& [sphere, place] : preset.spheres.places) {
+      scene.objects.push_back(object(sphere, Sphere{true_diameter_mm(preset, instrument_seed, sphere)},
+                                     put(preset.spheres, place, random)));
+    }
+    return scene;
+  }
+  if (kind == "cylinder" && numbered) {
+    const Cylinder cylinder{true_diameter_mm(preset, instrument_seed, "cylinder"), preset.cylinder_length_mm};
+    return {{object("cylinder", cylinder, put(preset.cylinder, preset.cylinder.places.at("place"), random))}};
+  }
+  throw std::logic_error("broken contract: there is no standard scene named '" + name + "'");
+}
+
+}  // namespace fringecal::virt

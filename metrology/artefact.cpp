@@ -1,0 +1,248 @@
+#include "metrology/artefact.h"
+
+#include "fitting/fit.h"
+#include "metrology/calibration_uncertainty.h"
+#include "metrology/segment.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <numeric>
+
+namespace fringecal::metrology {
+namespace {
+
+constexpr std::size_t kThinned = 5000;  // enough to know a shape; the robust search costs points x trials
+
+/// Whatever shape: distances and outward normals of points, and the few figures a measurement keeps.
+struct Surface {
+  ArtefactKind kind = ArtefactKind::plane;
+  Eigen::Vector3d place = Eigen::Vector3d::Zero(), direction = Eigen::Vector3d::Zero();
+  double diameter = 0, u_diameter = 0, rms = 0, standard_deviation = 0;
+
+  /// From the surface to the point, across it: (p - c), or its part across the axis; the plane's normal.
+  Eigen::Vector3d outward(const Eigen::Vector3d& p) const {
+    const Eigen::Vector3d d = p - place;
+    if (kind == ArtefactKind::plane) return direction;
+    return kind == ArtefactKind::sphere ? d : Eigen::Vector3d(d - d.dot(direction) * direction);
+  }
+  double distance(const Eigen::Vector3d& p) const {
+    if (kind == ArtefactKind::plane) return direction.dot(p - place);
+    return outward(p).norm() - 0.5 * diameter;
+  }
+};
+
+Result<Surface> fit_surface(ArtefactKind kind, std::span<const Eigen::Vector3d> points, fitting::Rejection rejection) {
+  const fitting::FitOptions options{.rejection = rejection};
+  Surface s{.kind = kind};
+  const auto keep_quality = [&s](const fitting::FitQuality& q) {
+    s.rms = q.rms_mm;
+    s.standard_deviation = q.standard_deviation_mm;
+  };
+  if (kind == ArtefactKind::plane) {
+    const auto fit = fitting::fit_plane(points, options);
+    if (!fit) return tl::unexpected(fit.error());
+    s.place = fit->point_mm;
+    s.direction = fit->normal;
+    keep_quality(fit->quality);
+  } else if (kind == ArtefactKind::sphere) {
+    const auto fit = fitting::fit_sphere(points, options);
+    if (!fit) return tl::unexpected(fit.error());
+    s.place = fit->center_mm;
+    s.diameter = fit->diameter_mm;
+    s.u_diameter = fit->u_diameter_mm;
+    keep_quality(fit->quality);
+  } else {
+    const auto fit = fitting::fit_cylinder(points, options);
+    if (!fit) return tl::unexpected(fit.error());
+    s.place = fit->axis_point_mm;
+    s.direction = fit->axis_direction;
+    s.diameter = fit->diameter_mm;
+    s.u_diameter = fit->u_diameter_mm;
+    keep_quality(fit->quality);
+  }
+  return s;
+}
+
+std::vector<Eigen::Vector3d> thinned(std::span<const Eigen::Vector3d> points, std::size_t at_most) {
+  const std::size_t step = std::max<std::size_t>(1, (points.size() + at_most - 1) / at_most);
+  std::vector<Eigen::Vector3d> out;
+  for (std::size_t i = 0; i < points.size(); i += step) out.push_back(points[i]);
+  return out;
+}
+
+/// 1.4826 times the median absolute deviation from the median.
+double robust_sd(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  const double median = *middle;
+  for (double& v : values) v = std::abs(v - median);
+  std::nth_element(values.begin(), middle, values.end());
+  return 1.4826 * *middle;
+}
+
+struct Places {
+  Eigen::Vector3d camera, projector;  // the pupils
+};
+
+/// Rules 3 to 5 on one segment, from a first surface.
+Result<ArtefactMeasurement> refine(const PointCloud& cloud, const std::vector<std::size_t>& segment, Surface surface,
+                                   const Places& places, const ArtefactOptions& options) {
+  const double min_cosine = std::cos(options.max_incidence_deg * std::numbers::pi / 180.0);
+  ArtefactMeasurement m{.kind = surface.kind};
+  std::vector<std::size_t> kept, before;
+  std::vector<double> distances;
+  // The kept set depends on the surface only through its normals; it settles in two or three rounds.
+  for (int round = 0; round < 10; ++round) {
+    std::vector<std::size_t> facing;
+    distances.clear();
+    for (const std::size_t i : segment) {
+      const Eigen::Vector3d& p = cloud.points[i].position_mm;
+      const Eigen::Vector3d to_camera = (places.camera - p).normalized(),
+                            to_light = (places.projector - p).normalized();
+      Eigen::Vector3d normal = surface.outward(p).normalized();
+      if (surface.kind == ArtefactKind::plane && normal.dot(to_camera) < 0) normal = -normal;
+      if (!(normal.dot(to_camera) >= min_cosine && normal.dot(to_light) >= min_cosine)) continue;  // eq. 2
+      facing.push_back(i);
+      distances.push_back(surface.distance(p));
+    }
+    if (facing.size() < options.min_points) {
+      return unanswerable(fmt::format("only {} points face both camera and projector within {} degrees; {} are needed",
+                                      facing.size(), options.max_incidence_deg, options.min_points));
+    }
+    const double limit = 6.0 * robust_sd(distances);
+    kept.clear();
+    m.points_mm.clear();
+    for (std::size_t k = 0; k < facing.size(); ++k) {
+      if (!(std::abs(distances[k]) <= limit)) continue;
+      kept.push_back(facing[k]);
+      m.points_mm.push_back(cloud.points[facing[k]].position_mm);
+    }
+    m.n_grazing = segment.size() - facing.size();
+    m.n_gross = facing.size() - kept.size();
+    const auto fitted = fit_surface(surface.kind, m.points_mm, fitting::Rejection::none);
+    if (!fitted) return tl::unexpected(fitted.error());
+    surface = *fitted;
+    if (kept == before) break;
+    before = kept;
+  }
+  m.n_points = kept.size();
+  m.place_mm = surface.place;
+  m.form_standard_deviation_mm = surface.standard_deviation;
+  if (surface.kind != ArtefactKind::plane) {
+    m.diameter_mm = surface.diameter;
+    m.u_diameter_noise_mm = surface.u_diameter;
+  }
+  int left = std::numeric_limits<int>::max(), top = left, right = 0, bottom = 0;
+  for (const std::size_t i : kept) {
+    left = std::min<int>(left, cloud.points[i].pixel_x);
+    right = std::max<int>(right, cloud.points[i].pixel_x);
+    top = std::min<int>(top, cloud.points[i].pixel_y);
+    bottom = std::max<int>(bottom, cloud.points[i].pixel_y);
+  }
+  m.deviation_mm = Image<float>(right - left + 1, bottom - top + 1, std::numeric_limits<float>::quiet_NaN());
+  for (const std::size_t i : kept) {
+    const auto& p = cloud.points[i];
+    m.deviation_mm(p.pixel_x - left, p.pixel_y - top) = static_cast<float>(surface.distance(p.position_mm));
+  }
+  return m;
+}
+
+}  // namespace
+
+const char* name_of(ArtefactKind kind) {
+  static constexpr const char* kNames[] = {"plane", "sphere", "cylinder"};
+  return kNames[static_cast<int>(kind)];
+}
+
+Result<std::vector<ArtefactMeasurement>> measure_artefacts(const PointCloud& cloud, const model::Scanner& scanner,
+                                                           std::span<const NominalArtefact> nominals,
+                                                           const ArtefactOptions& options) {
+  const Rigid3 world_from_proj = scanner.world_from_proj(), world_from_cam = scanner.world_from_cam();
+  const Places places{world_from_cam.translation_mm, world_from_proj.translation_mm};
+  const auto segments = segments_of(cloud, options.max_gap_mm, options.min_points);
+
+  std::vector<ArtefactMeasurement> out;
+  std::vector<bool> taken(segments.size(), false);
+  for (const auto& nominal : nominals) {
+    std::optional<std::size_t> best;
+    Surface best_surface;
+    double best_error = std::numeric_limits<double>::infinity();
+    std::string seen;
+    for (std::size_t s = 0; s < segments.size(); ++s) {
+      if (taken[s]) continue;
+      std::vector<Eigen::Vector3d> points;
+      for (const std::size_t i : segments[s]) points.push_back(cloud.points[i].position_mm);
+      const auto surface = fit_surface(nominal.kind, thinned(points, kThinned), fitting::Rejection::robust);
+      if (!surface) continue;
+      // Size tells artefacts apart; planes have none and the largest segment is meant.
+      const double error = nominal.kind == ArtefactKind::plane
+                               ? 1.0 / static_cast<double>(segments[s].size())
+                               : std::abs(surface->diameter / nominal.diameter_mm - 1.0);
+      if (nominal.kind != ArtefactKind::plane)
+        seen += fmt::format(" {:.2f} mm ({} points);", surface->diameter, points.size());
+      if (nominal.kind != ArtefactKind::plane && !(error <= options.max_size_error)) continue;
+      if (error < best_error) {
+        best = s;
+        best_surface = *surface;
+        best_error = error;
+      }
+    }
+    if (!best) {
+      return unanswerable(
+          fmt::format("{} is not in the cloud: none of its {} segments of at least {} points is a {} of "
+                      "{} mm within {} %{}{}",
+                      nominal.name, segments.size(), options.min_points, name_of(nominal.kind), nominal.diameter_mm,
+                      100 * options.max_size_error, seen.empty() ? "" : "; found diameters:", seen));
+    }
+    taken[*best] = true;
+    auto measurement = refine(cloud, segments[*best], best_surface, places, options);
+    if (!measurement) return unanswerable(fmt::format("{}: {}", nominal.name, measurement.error().sentence));
+    measurement->name = nominal.name;
+    out.push_back(std::move(*measurement));
+  }
+  return out;
+}
+
+Result<double> u_diameter_from_calibration(const ArtefactMeasurement& measurement, const model::Scanner& scanner) {
+  require(measurement.diameter_mm.has_value(), "u of a diameter is asked of an artefact that has one");
+  const auto points = thinned(measurement.points_mm, 2000);
+  return u_from_calibration(points, scanner, [&](std::span<const Eigen::Vector3d> moved) -> Result<double> {
+    const auto surface = fit_surface(measurement.kind, moved, fitting::Rejection::none);
+    if (!surface) return tl::unexpected(surface.error());
+    return surface->diameter;
+  });
+}
+
+RepeatStatistics statistics_of(std::span<const RepeatValue> repeats) {
+  RepeatStatistics s{.n = static_cast<int>(repeats.size())};
+  require(!repeats.empty(), "statistics need at least one repeat");
+  double sum = 0;
+  bool all_have_diameter = true;
+  for (const auto& r : repeats) {
+    s.max_form_sd_mm = std::max(s.max_form_sd_mm, r.form_sd_mm);
+    s.mean_form_sd_mm += r.form_sd_mm / s.n;
+    all_have_diameter = all_have_diameter && r.diameter_mm.has_value();
+    sum += r.diameter_mm.value_or(0.0);
+  }
+  if (!all_have_diameter) return s;
+  const double mean = sum / s.n;
+  s.mean_diameter_mm = mean;
+  if (s.n > 1) {
+    double squares = 0;
+    for (const auto& r : repeats) squares += (*r.diameter_mm - mean) * (*r.diameter_mm - mean);
+    s.repeatability_sd_mm = std::sqrt(squares / (s.n - 1));
+  }
+  return s;
+}
+
+double u_of_error_mm(const RepeatStatistics& s, double u_calibration_mm, double u_certificate_mm) {
+  const double scatter = s.repeatability_sd_mm.value_or(0.0);
+  return std::sqrt(scatter * scatter / s.n + u_calibration_mm * u_calibration_mm +
+                   u_certificate_mm * u_certificate_mm);  // eq. 3
+}
+
+}  // namespace fringecal::metrology

@@ -1,0 +1,136 @@
+#include "tests/calib/synthetic_board_views.h"
+
+#include "core/error.h"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <numbers>
+#include <random>
+
+namespace fringecal::test {
+namespace {
+
+constexpr double kBase = 400, kDistance = 1000;
+
+FringeCode grating() { return {.gray_bits = 7, .phase_steps = 4, .stripes_per_period = 2, .period = 0.24, .unit = "mm"}; }
+
+/// std::normal_distribution differs between libraries; this does not.
+class Normal {
+ public:
+  explicit Normal(std::uint64_t seed) : engine_(seed) {}
+  double operator()() {
+    const double u1 = (static_cast<double>(engine_() >> 11) + 1.0) * 0x1.0p-53;
+    const double u2 = static_cast<double>(engine_() >> 11) * 0x1.0p-53;
+    return std::sqrt(-2.0 * std::log(u1)) * std::cos(2.0 * std::numbers::pi * u2);
+  }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+std::vector<model::BoardObservation> observe(const model::Scanner& scanner, const model::Board& board,
+                                             const std::vector<Rigid3>& cam_from_middle, const ViewErrors& errors) {
+  Normal normal(errors.seed);
+  const Eigen::Vector3d last = board.corner_mm(board.columns - 1, board.rows - 1), middle = 0.5 * last;
+  const double scale = 1.0 + errors.pitch_relative * normal();
+  std::vector<Eigen::Vector3d> corners;
+  for (int row = 0; row < board.rows; ++row) {
+    for (int column = 0; column < board.columns; ++column) {
+      Eigen::Vector3d p = board.corner_mm(column, row) - middle;
+      const double xi = p.x() / middle.x(), eta = p.y() / middle.y();
+      p.x() += errors.print_mm * normal();
+      p.y() += errors.print_mm * normal();
+      p *= scale;
+      p.z() = errors.bow_mm * (xi * xi + eta * eta);
+      corners.push_back(p);
+    }
+  }
+  std::vector<model::BoardObservation> out;
+  for (const Rigid3& pose : cam_from_middle) {
+    model::BoardObservation o{fmt::format("pose_{:02}", out.size() + 1), {}};
+    for (int row = 0; row < board.rows; ++row) {
+      for (int column = 0; column < board.columns; ++column) {
+        const Eigen::Vector3d in_cam = pose * corners[static_cast<std::size_t>(row * board.columns + column)];
+        const Eigen::Vector3d in_proj = scanner.proj_from_cam * in_cam;
+        const auto pixel = scanner.camera.project(in_cam);
+        require(pixel.has_value(), "a synthetic corner lies in front of the camera");
+        model::CornerObservation c;
+        c.column = column;
+        c.row = row;
+        c.pixel = *pixel + errors.u_pixel_px * Eigen::Vector2d(normal(), normal());
+        c.u_pixel_px = std::max(errors.u_pixel_px, 1e-3);
+        const double u = std::max(errors.u_coordinate_mm, 1e-6);
+        if (scanner.projector.x) {
+          c.x = Uncertain{*scanner.projector.project(CodeAxis::x, in_proj) + errors.u_coordinate_mm * normal(), u};
+        }
+        if (scanner.projector.y) {
+          c.y = Uncertain{*scanner.projector.project(CodeAxis::y, in_proj) + errors.u_coordinate_mm * normal(), u};
+        }
+        o.corners.push_back(c);
+      }
+    }
+    out.push_back(std::move(o));
+  }
+  return out;
+}
+
+/// The point that camera and projector look at, in cam.
+Eigen::Vector3d target() { return {0, 0, std::hypot(kBase, kDistance)}; }
+
+}  // namespace
+
+model::Scanner known_scanner(bool two_axes) {
+  model::Scanner s;
+  s.name = "known";
+  s.camera = {.width_px = 1392, .height_px = 1040, .fx_px = 3721, .fy_px = 3721, .cx_px = 708, .cy_px = 512,
+              .distortion = {-0.10, 0.06, 2e-4, -1.5e-4, 0}, .pixel_mm = 0.00645};
+  s.projector.x = model::ProjectorAxis{grating(), 32.0, 7.83};
+  if (two_axes) s.projector.y = model::ProjectorAxis{grating(), 32.0, 7.5};
+  s.projector.distortion = {-0.08, 0.03, 0, 0, 0};
+  // The camera stands at +X of the projector, turned towards the point on the projector's axis.
+  const Eigen::Quaterniond turn(Eigen::AngleAxisd(-std::atan2(kBase, kDistance), Eigen::Vector3d::UnitY()));
+  const Eigen::Quaterniond roll(Eigen::AngleAxisd(0.3 * std::numbers::pi / 180, Eigen::Vector3d::UnitZ()));
+  s.proj_from_cam = {(turn * roll).normalized(), Eigen::Vector3d(kBase, 3.0, 0.0)};
+  s.working_distance_mm = kDistance;
+  return s;
+}
+
+model::Board known_board() {
+  model::Board b;
+  b.columns = 9;
+  b.rows = 7;
+  b.pitch_x_mm = b.pitch_y_mm = 30;
+  return b;
+}
+
+PatternPlan known_plan(bool two_axes) {
+  PatternPlan plan;
+  plan.x = grating();
+  if (two_axes) plan.y = grating();
+  return plan;
+}
+
+std::vector<model::BoardObservation> views(const model::Scanner& scanner, const model::Board& board, int poses,
+                                           const ViewErrors& errors) {
+  std::vector<Rigid3> placed;
+  const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
+  for (int i = 0; i < poses; ++i) {
+    const double direction = golden * i, tilt = (15.0 + 20.0 * (i % 3) / 2.0) * std::numbers::pi / 180;
+    const Eigen::Vector3d axis(std::cos(direction), std::sin(direction), 0);
+    const Eigen::Vector3d shift(25.0 * std::cos(2 * direction), 20.0 * std::sin(3 * direction), 80.0 * ((i % 5) - 2) / 2.0);
+    placed.push_back({Eigen::Quaterniond(Eigen::AngleAxisd(tilt, axis)), target() + shift});
+  }
+  return observe(scanner, board, placed, errors);
+}
+
+std::vector<model::BoardObservation> parallel_views(const model::Scanner& scanner, const model::Board& board, int poses,
+                                                    const ViewErrors& errors) {
+  std::vector<Rigid3> placed;
+  for (int i = 0; i < poses; ++i) {
+    placed.push_back({Eigen::Quaterniond::Identity(), target() + Eigen::Vector3d(10.0 * i, -5.0 * i, 30.0 * i)});
+  }
+  return observe(scanner, board, placed, errors);
+}
+
+}  // namespace fringecal::test
