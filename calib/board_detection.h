@@ -6,6 +6,12 @@
 #include "calib/model/scanner.h"
 #include "core/result.h"
 
+#include <filesystem>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
 namespace fringecal::calib {
 
 /// Corners (chessboard: saddle points; grids: centres of circles) with sub-pixel places and their standard uncertainty.
@@ -25,5 +31,23 @@ Image<float> texture_of(const Capture& capture);
 /// texture_of, detect_board, decode on every coded axis, add_projector_coordinates.
 Result<model::BoardObservation> observe_board(const Capture& capture, const model::Board& board,
                                               const std::string& name);
+
+/// A capture in which the board could not be used, and the sentence why.
+struct DroppedPose {
+  std::string name, reason;
+};
+
+/// The views of a board in a set of captures.
+struct BoardViews {
+  std::vector<model::BoardObservation> observations;
+  std::vector<DroppedPose> dropped;
+  int width_px = 0, height_px = 0;
+  PatternPlan plan;
+  std::vector<std::pair<std::string, std::string>> inputs;  // name and SHA-256 of each capture's capture.json
+};
+
+/// Reads the captures one after the other; observe_board for each. Throws InputError where a capture cannot be read, or
+/// where its image size or code differs from the first one's.
+BoardViews observe_captures(std::span<const std::filesystem::path> folders, const model::Board& board);
 
 }  // namespace fringecal::calib

@@ -156,7 +156,7 @@ class Problem {
     // One thread: the sums then have one order, and the same input gives the same bytes.
     options.num_threads = 1;
     options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
-    options.max_num_iterations = 200;
+    options.max_num_iterations = 100;
     options.function_tolerance = tolerance;
     options.gradient_tolerance = 1e-16;
     options.parameter_tolerance = 1e-14;

@@ -1,9 +1,155 @@
+#include "calib/board_detection.h"
+#include "calib/calibrate.h"
 #include "cli/commands.h"
+#include "core/error.h"
+#include "core/file.h"
 
+#include <fmt/format.h>
 #include <CLI/CLI.hpp>
 
-namespace fringecal::cli {
+#include <filesystem>
+#include <map>
+#include <memory>
 
-void add_calibrate(CLI::App&) {}
+namespace fringecal::cli {
+namespace {
+
+using calib::DistortionTerms;
+
+struct Options {
+  std::vector<std::filesystem::path> captures;
+  std::string board, output;
+  DistortionTerms camera_terms = DistortionTerms::automatic;
+  DistortionTerms projector_terms = DistortionTerms::radial;
+  std::optional<double> pixel_mm, working_distance_mm;
+  int min_poses = 3;
+  bool flat_board = false, json = false;
+};
+
+/// Value of a parameter by its name in the covariance; empty for the increments of a rotation.
+std::optional<double> value_of(const model::Scanner& s, const std::string& name) {
+  const auto& c = s.camera;
+  const auto& t = s.proj_from_cam.translation_mm;
+  std::map<std::string, double> values = {
+      {"camera.fx_px", c.fx_px},       {"camera.fy_px", c.fy_px},       {"camera.cx_px", c.cx_px},
+      {"camera.cy_px", c.cy_px},       {"proj_from_cam.translation_x_mm", t.x()},
+      {"proj_from_cam.translation_y_mm", t.y()}, {"proj_from_cam.translation_z_mm", t.z()}};
+  int k = 0;
+  for (const char* term : {"k1", "k2", "p1", "p2", "k3"}) {
+    values[std::string("camera.") + term] = c.distortion[static_cast<std::size_t>(k)];
+    values[std::string("projector.") + term] = s.projector.distortion[static_cast<std::size_t>(k++)];
+  }
+  for (const auto& [axis, prefix] : {std::pair(s.projector.x, "projector.x."), {s.projector.y, "projector.y."}}) {
+    if (!axis) continue;
+    values[std::string(prefix) + "f"] = axis->f;
+    values[std::string(prefix) + "u0"] = axis->u0;
+  }
+  const auto found = values.find(name);
+  return found == values.end() ? std::nullopt : std::optional(found->second);
+}
+
+void print_json(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped) {
+  Value parameters = Value::object(), lost = Value::array();
+  for (const std::string& name : s.uncertainty.names) {
+    Value one = Value::object();
+    if (const auto value = value_of(s, name)) one.set("value", *value);
+    parameters.set(name, one.set("u", *s.uncertainty.u(name)));
+  }
+  for (const auto& d : dropped) lost.append(Value::object().set("name", d.name).set("reason", d.reason));
+  const auto& r = s.residuals;
+  fmt::print("{}", to_json(Value::object()
+                               .set("scanner", options.output)
+                               .set("poses", r.poses)
+                               .set("dropped", lost)
+                               .set("parameters", parameters)
+                               .set("base_mm", s.base_mm())
+                               .set("working_distance_mm", s.working_distance_mm)
+                               .set("camera_rms_px", r.camera_rms_px)
+                               .set("projector_rms", r.projector_rms)
+                               .set("projector_unit", r.projector_unit)
+                               .set("grid_rms_mm", r.grid_rms_mm)
+                               .set("chi2_per_dof", r.chi2_per_dof)
+                               .set("corners_used", r.corners_used)
+                               .set("corners_rejected", r.corners_rejected)
+                               .set("method", s.method)));
+}
+
+void print_text(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped) {
+  const auto& r = s.residuals;
+  fmt::print("{}: {} poses, {} corners used, {} left out\n", options.output, r.poses, r.corners_used, r.corners_rejected);
+  for (const auto& d : dropped) fmt::print("  left out: {}: {}\n", d.name, d.reason);
+  for (const std::string& name : s.uncertainty.names) {
+    if (const auto value = value_of(s, name)) {
+      fmt::print("  {:<32}{:>14.6g}   u = {:.2g}\n", name, *value, *s.uncertainty.u(name));
+    } else {
+      fmt::print("  {:<32}{:>14}   u = {:.2g}\n", name, "", *s.uncertainty.u(name));
+    }
+  }
+  fmt::print("  base line {:.3f} mm, working distance {:.2f} mm\n", s.base_mm(), s.working_distance_mm);
+  fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n", r.camera_rms_px,
+             r.projector_rms, r.projector_unit, r.grid_rms_mm);
+  for (const auto& p : s.priors) fmt::print("  prior: {} = {} +- {:.3g}: {}\n", p.parameter, p.value, p.u, p.reason);
+  fmt::print("  {}\n", s.method);
+}
+
+void run(const Options& options) {
+  const model::Board board = model::read_board(options.board);
+  calib::BoardViews views = calib::observe_captures(options.captures, board);
+  const int needed = std::max(3, options.min_poses);
+  if (static_cast<int>(views.observations.size()) < needed) {
+    std::string sentence = fmt::format("the board is found in {} of {} captures; at least {} are needed",
+                                       views.observations.size(), options.captures.size(), needed);
+    for (const auto& d : views.dropped) sentence += fmt::format("; {}: {}", d.name, d.reason);
+    throw InputError(sentence);
+  }
+  calib::CalibrationOptions how;
+  how.camera_terms = options.camera_terms;
+  how.projector_terms = options.projector_terms;
+  how.min_poses = needed;
+  if (options.flat_board) how.u_bow_relative = 0;
+  how.pixel_mm = options.pixel_mm;
+  how.working_distance_mm = options.working_distance_mm;
+  auto scanner = calib::calibrate(views.observations, board, views.width_px, views.height_px, views.plan, how);
+  if (!scanner) throw InputError(fmt::format("{}: {}", options.board, scanner.error().sentence));
+  scanner->name = std::filesystem::path(options.output).stem().string();
+  scanner->provenance.inputs = views.inputs;
+  scanner->provenance.inputs.emplace_back("board", sha256_of_file(options.board));
+  model::write_scanner(options.output, *scanner);
+  options.json ? print_json(options, *scanner, views.dropped) : print_text(options, *scanner, views.dropped);
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& app) {
+  static const std::map<std::string, DistortionTerms> kTerms = {{"none", DistortionTerms::none},
+                                                                {"radial", DistortionTerms::radial},
+                                                                {"radial+tangential", DistortionTerms::radial_tangential},
+                                                                {"full", DistortionTerms::full},
+                                                                {"auto", DistortionTerms::automatic}};
+  auto options = std::make_shared<Options>();
+  CLI::App* command = app.add_subcommand("calibrate", "Finds camera and projector from captures of a calibration board");
+  command->add_option("captures", options->captures, "Capture folders, one per pose of the board")->required();
+  command->add_option("--board", options->board, "TOML file of the board: kind, columns, rows, pitch_mm")->required();
+  command->add_option("-o,--output", options->output, "Scanner file to write")->required();
+  command->add_option("--camera-terms", options->camera_terms,
+                      "Distortion of the camera: none, radial, radial+tangential, full, auto (default: what the data support)")
+      ->transform(CLI::CheckedTransformer(kTerms).description(""));
+  command->add_option("--projector-terms", options->projector_terms,
+                      "Distortion of the projector, the same words (default radial; along one code axis none or radial)")
+      ->transform(CLI::CheckedTransformer(kTerms).description(""));
+  command->add_option("--pixel-mm", options->pixel_mm, "Side of a camera pixel in mm, to print the paper's parameters")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--working-distance-mm", options->working_distance_mm,
+                      "Distance L of the reference plane (default: the boards' mean distance)")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--min-poses", options->min_poses, "Refuse with fewer poses than this (at least 3)")
+      ->check(CLI::Range(3, 1000));
+  command->add_flag("--flat-board", options->flat_board, "Take the board as flat instead of estimating its bow");
+  command->add_flag("--json", options->json, "Print the summary as JSON");
+  command->footer(
+      "Example: fringecal calibrate captures/board_* --board board.toml --pixel-mm 0.00645 -o scanner.json\n"
+      "A board file: kind = \"chessboard\"  columns = 9  rows = 7  pitch_mm = 30");
+  command->callback([options] { run(*options); });
+}
 
 }  // namespace fringecal::cli

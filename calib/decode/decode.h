@@ -23,7 +23,10 @@
 #include "core/image.h"
 #include "core/result.h"
 
+#include <array>
 #include <cstdint>
+#include <optional>
+#include <string>
 
 namespace fringecal::decode {
 
@@ -78,6 +81,16 @@ struct PhaseMap {
 
 /// Number of pixels per Validity, in its order.
 std::array<std::size_t, 5> count_validity(const PhaseMap& map);
+
+/// What a person wants to know of a map first. Medians are over the valid pixels, absent where there are none.
+struct DecodeSummary {
+  std::array<std::size_t, 5> counts{};  // as count_validity
+  std::optional<double> median_u_phase_rad;
+  std::optional<double> median_u_pattern;   // the same as a length on the pattern, in the code's unit
+  std::optional<double> median_modulation;  // grey levels
+  double mean_level = 0;                    // mean of A over all pixels, grey levels
+};
+DecodeSummary summary_of(const PhaseMap& map);
 
 /// Throws InputError where the capture has no code along that axis. Deterministic, whatever the thread count.
 PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions& options = {});

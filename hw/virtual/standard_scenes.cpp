@@ -72,23 +72,23 @@ PatternBoard true_board(const Preset& preset, std::uint64_t instrument_seed, con
   return out;
 }
 
-Scene standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name) {
+std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name) {
   const auto space = name.find(' ');
   const std::string kind = name.substr(0, space), number = space == std::string::npos ? "" : name.substr(space + 1);
   const bool numbered = !number.empty() && number.find_first_not_of("0123456789") == std::string::npos;
   Stream random(instrument_seed, "scene " + name);
   const FlatBoard flat{preset.flat_board_width_mm, preset.flat_board_height_mm};
   if (name == "alignment") {
-    return {{object("board", flat, put(preset.alignment, preset.alignment.places.at("place"), random))}};
+    return Scene{{object("board", flat, put(preset.alignment, preset.alignment.places.at("place"), random))}};
   }
   if (kind == "plane" && numbered) {
-    return {{object("board", flat, put(preset.plane, preset.plane.places.at("place"), random))}};
+    return Scene{{object("board", flat, put(preset.plane, preset.plane.places.at("place"), random))}};
   }
   if (kind == "calibration" && numbered && preset.calibration.places.contains(number)) {
     // Half a turn about X first: the board's rows then run downwards, as the image's.
     const Rigid3 facing{rotation_from_vector({std::numbers::pi, 0, 0}), Eigen::Vector3d::Zero()};
     const Rigid3 pose = put(preset.calibration, preset.calibration.places.at(number), random) * facing;
-    return {{object("chessboard", true_board(preset, instrument_seed, "chessboard"), pose)}};
+    return Scene{{object("chessboard", true_board(preset, instrument_seed, "chessboard"), pose)}};
   }
   if (kind == "spheres" && numbered) {
     Scene scene;
@@ -100,9 +100,9 @@ Scene standard_scene(const Preset& preset, std::uint64_t instrument_seed, const 
   }
   if (kind == "cylinder" && numbered) {
     const Cylinder cylinder{true_diameter_mm(preset, instrument_seed, "cylinder"), preset.cylinder_length_mm};
-    return {{object("cylinder", cylinder, put(preset.cylinder, preset.cylinder.places.at("place"), random))}};
+    return Scene{{object("cylinder", cylinder, put(preset.cylinder, preset.cylinder.places.at("place"), random))}};
   }
-  throw std::logic_error("broken contract: there is no standard scene named '" + name + "'");
+  return std::nullopt;
 }
 
 }  // namespace fringecal::virt

@@ -10,6 +10,8 @@
 #include "hw/virtual/scene.h"
 
 #include <cstdint>
+#include <optional>
+#include <string>
 
 namespace fringecal::virt {
 
@@ -21,7 +23,7 @@ double true_diameter_mm(const Preset& preset, std::uint64_t instrument_seed, con
 model::Board certified_board(const Preset& preset, const std::string& kind);
 PatternBoard true_board(const Preset& preset, std::uint64_t instrument_seed, const std::string& kind);
 
-/// See VirtualScanner::standard_scene.
-Scene standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name);
+/// See VirtualScanner::standard_scene; empty for another name.
+std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name);
 
 }  // namespace fringecal::virt

@@ -201,8 +201,13 @@ model::Board VirtualScanner::certified_board(const std::string& kind) const {
 Uncertain VirtualScanner::certificate_mm(const std::string& artefact) const {
   return virt::certificate_mm(instance_->preset, instance_->seed, artefact);
 }
+bool VirtualScanner::has_standard_scene(const std::string& name) const {
+  return virt::standard_scene(instance_->preset, instance_->seed, name).has_value();
+}
 Scene VirtualScanner::standard_scene(const std::string& name) const {
-  return virt::standard_scene(instance_->preset, instance_->seed, name);
+  auto scene = virt::standard_scene(instance_->preset, instance_->seed, name);
+  require(scene.has_value(), "a standard scene is asked for by one of its names");
+  return *std::move(scene);
 }
 
 double VirtualScanner::true_theta_rad(const InstrumentState& state) const {

@@ -85,6 +85,7 @@ class VirtualScanner {
   /// Scenes of the standard commissioning, by name: "alignment", "calibration 0" .. "calibration 14", "plane R" (R:
   /// repeat, a slightly different place each), "spheres R", "cylinder R". Throws std::logic_error on another name.
   Scene standard_scene(const std::string& name) const;
+  bool has_standard_scene(const std::string& name) const;
   /// How many calibration scenes the preset has.
   int calibration_scenes() const;
 

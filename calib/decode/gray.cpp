@@ -1,0 +1,63 @@
+#include "calib/decode/gray.h"
+
+#include "core/error.h"
+
+#include <fmt/format.h>
+
+namespace fringecal::decode {
+
+AxisFrames frames_of(const Capture& capture, CodeAxis axis) {
+  const PatternPlan& plan = capture.info.plan;
+  if (!plan.code(axis)) {
+    const char* asked = axis == CodeAxis::x ? "x" : "y";
+    const char* other = axis == CodeAxis::x ? "y" : "x";
+    throw InputError(fmt::format("{}: this capture has no code along {}; it codes {}, use --axis {}",
+                                 capture.folder.empty() ? "the capture" : capture.folder.string(), asked, other,
+                                 other));
+  }
+  AxisFrames out{
+      .code = *plan.code(axis), .axis = axis, .phase = {}, .gray = {}, .inverse = {}, .white = {}, .black = {}};
+  for (int k = 0; k < out.code.phase_steps; ++k) out.phase.push_back(plan.find({PatternKind::phase, axis, k}).value());
+  for (int b = 0; b < out.code.gray_bits; ++b) {
+    out.gray.push_back(plan.find({PatternKind::gray, axis, b}).value());
+    out.inverse.push_back(plan.find({PatternKind::gray, axis, b, true}));
+  }
+  out.white = plan.find({.kind = PatternKind::white});
+  out.black = plan.find({.kind = PatternKind::black});
+  return out;
+}
+
+FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, float wrapped) {
+  const std::int32_t s = row.stripe[x];
+  float strongest = 0;
+  for (int b = 0; b < bits; ++b)
+    strongest = std::max(strongest, std::abs(row.t[static_cast<std::size_t>(b) * row.width + x]));
+  // At an end of the pattern no bit toggles: as far from its threshold as can be.
+  const auto distance = [&](std::int32_t upper) {
+    const int bit = toggling_bit(upper, bits);
+    return bit < 0 ? strongest : std::abs(row.t[static_cast<std::size_t>(bit) * row.width + x]);
+  };
+  const float below = distance(s), above = distance(s + 1);
+  if (std::abs(wrapped) <= std::numbers::pi_v<float> / 2) {
+    return {.m = s, .consistent = std::min(below, above) >= kSurelyAtThreshold * strongest};  // (6)
+  }
+  if (std::abs(wrapped) <= 3 * std::numbers::pi_v<float> / 4) return {.m = s, .consistent = true};
+  const bool upper_half = wrapped > 0;
+  const float own = upper_half ? above : below, neighbour = upper_half ? below : above;
+  const bool take_neighbour = neighbour < own && neighbour < kNearThreshold * strongest;  // (5)
+  return {.m = take_neighbour ? (upper_half ? s - 1 : s + 1) : s, .consistent = true};
+}
+
+bool undecided_far_from_edges(const BitRow& row, std::size_t x, int bits, float sigma) {
+  const float* t = row.t.data() + x;
+  for (int b = 0; b < bits; ++b, t += row.width) {
+    if (!(std::abs(*t) <= sigma)) continue;
+    const std::int32_t s = row.stripe[x];
+    bool toggles = false;
+    for (std::int32_t edge = s - 1; edge <= s + 2; ++edge) toggles = toggles || toggling_bit(edge, bits) == b;
+    if (!toggles) return true;
+  }
+  return false;
+}
+
+}  // namespace fringecal::decode

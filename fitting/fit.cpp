@@ -1,1 +1,0 @@
-#include "fitting/fit.h"

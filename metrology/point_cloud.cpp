@@ -1,0 +1,98 @@
+#include "metrology/point_cloud.h"
+
+#include "core/error.h"
+#include "core/file.h"
+
+#include <fmt/format.h>
+
+#include <bit>
+#include <cstring>
+
+namespace fringecal::metrology {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "the PLY body is written as it lies in memory");
+
+constexpr const char* kProperties =
+    "property double x\nproperty double y\nproperty double z\n"
+    "property float nx\nproperty float ny\nproperty float nz\n"
+    "property float u_mm\nproperty float modulation\n"
+    "property ushort pixel_x\nproperty ushort pixel_y\n"
+    "end_header\n";
+constexpr std::size_t kBytesPerPoint = 3 * 8 + 5 * 4 + 2 * 2;
+constexpr const char* kComment = "comment fringecal point cloud: mm, frame world; u_mm along the camera's ray, k = 1\n";
+
+template <class T>
+char* put(char* at, T value) {
+  std::memcpy(at, &value, sizeof value);
+  return at + sizeof value;
+}
+
+template <class T>
+T take(const char*& at) {
+  T value;
+  std::memcpy(&value, at, sizeof value);
+  at += sizeof value;
+  return value;
+}
+
+}  // namespace
+
+std::vector<Eigen::Vector3d> PointCloud::positions_mm() const {
+  std::vector<Eigen::Vector3d> out;
+  out.reserve(points.size());
+  for (const auto& point : points) out.push_back(point.position_mm);
+  return out;
+}
+
+void write_ply(const std::filesystem::path& file, const PointCloud& cloud) {
+  std::string bytes = fmt::format("ply\nformat binary_little_endian 1.0\n{}element vertex {}\n{}", kComment,
+                                  cloud.points.size(), kProperties);
+  const std::size_t header = bytes.size();
+  bytes.resize(header + cloud.points.size() * kBytesPerPoint);
+  char* at = bytes.data() + header;
+  for (const auto& p : cloud.points) {
+    for (int i = 0; i < 3; ++i) at = put(at, p.position_mm[i]);
+    for (int i = 0; i < 3; ++i) at = put(at, static_cast<float>(p.normal[i]));
+    at = put(at, static_cast<float>(p.u_along_ray_mm));
+    at = put(at, p.modulation);
+    at = put(at, p.pixel_x);
+    at = put(at, p.pixel_y);
+  }
+  write_atomically(file, bytes);
+}
+
+PointCloud read_ply(const std::filesystem::path& file) {
+  const std::string bytes = read_bytes(file);
+  const auto refuse = [&](const std::string& what) {
+    return InputError(fmt::format("{}: {}; give a point cloud written by 'fringecal measure'", file.string(), what));
+  };
+  const std::string start = fmt::format("ply\nformat binary_little_endian 1.0\n{}element vertex ", kComment);
+  if (!bytes.starts_with(start)) throw refuse("not a point cloud of this program");
+  std::size_t at = start.size(), count = 0, digits = 0;
+  for (; at < bytes.size() && bytes[at] >= '0' && bytes[at] <= '9' && digits < 12; ++at, ++digits) {
+    count = 10 * count + static_cast<std::size_t>(bytes[at] - '0');
+  }
+  const std::string properties = std::string("\n") + kProperties;
+  if (digits == 0 || bytes.compare(at, properties.size(), properties) != 0)
+    throw refuse("its header is not as expected");
+  at += properties.size();
+  if (bytes.size() - at != count * kBytesPerPoint) {
+    throw refuse(
+        fmt::format("{} points need {} bytes, the file holds {}", count, count * kBytesPerPoint, bytes.size() - at));
+  }
+  PointCloud cloud;
+  cloud.points.resize(count);
+  const char* from = bytes.data() + at;
+  for (auto& p : cloud.points) {
+    for (int i = 0; i < 3; ++i) p.position_mm[i] = take<double>(from);
+    for (int i = 0; i < 3; ++i) p.normal[i] = take<float>(from);
+    p.u_along_ray_mm = take<float>(from);
+    p.modulation = take<float>(from);
+    p.pixel_x = take<std::uint16_t>(from);
+    p.pixel_y = take<std::uint16_t>(from);
+  }
+  return cloud;
+}
+
+}  // namespace fringecal::metrology

@@ -1,0 +1,183 @@
+// Reconstruction from exact phase maps: known surfaces seen through the scanner's own projection.
+#include "metrology/reconstruct.h"
+
+#include "core/error.h"
+#include "tests/metrology/exact_phase_map.h"
+#include "tests/support/program.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+namespace fringecal::metrology {
+namespace {
+
+using test::exact_map;
+using test::ideal_scanner;
+using test::sample_scanner;
+using ::testing::HasSubstr;
+
+// phase_rad is a float: up to 400 rad its last place is 3.1e-5 rad, half of that rounds. One radian is at most 4 mm
+// along the ray here: 6e-5 mm.
+constexpr double kFloatPhaseMm = 6e-5;
+
+TEST(Reconstruct, GivesBackAPlane) {
+  const auto scanner = sample_scanner();
+  const Eigen::Vector3d n = Eigen::Vector3d(0.2, -0.1, 1.0).normalized();
+  const auto result = reconstruct(exact_map(scanner, test::plane({0, 0, 15}, n)), scanner, {.edge_margin_px = 0});
+  EXPECT_EQ(result.cloud.points.size(), 320u * 240u);
+  for (const auto& p : result.cloud.points) {
+    ASSERT_LT(std::abs(n.dot(p.position_mm - Eigen::Vector3d(0, 0, 15))), kFloatPhaseMm);
+  }
+}
+
+TEST(Reconstruct, GivesPointsThatProjectToTheirPixelAndTheirPhase) {
+  const auto scanner = sample_scanner();
+  const auto map = exact_map(scanner, test::sphere({10, 5, 30}, 40));
+  const auto result = reconstruct(map, scanner, {.edge_margin_px = 0});
+  ASSERT_GT(result.cloud.points.size(), 2000u);
+  for (const auto& p : result.cloud.points) {
+    const auto pixel = scanner.camera.project(scanner.world_from_cam().inverse() * p.position_mm);
+    const auto u = scanner.projector.project(CodeAxis::x, scanner.world_from_proj().inverse() * p.position_mm);
+    ASSERT_TRUE(pixel && u);
+    // Rounding of double through two lens models of 1e3 px and 15 mm.
+    ASSERT_NEAR(pixel->x(), p.pixel_x, 1e-8);
+    ASSERT_NEAR(pixel->y(), p.pixel_y, 1e-8);
+    ASSERT_NEAR(*u, map.u_at(p.pixel_x, p.pixel_y), 1e-10);
+    ASSERT_NEAR((p.position_mm - Eigen::Vector3d(10, 5, 30)).norm(), 40.0, 3 * kFloatPhaseMm);  // grazing: longer rays
+  }
+}
+
+TEST(Reconstruct, NormalsAreThoseOfTheSurface) {
+  const auto scanner = sample_scanner();
+  const Eigen::Vector3d centre(10, 5, 30);
+  const auto result = reconstruct(exact_map(scanner, test::sphere(centre, 60)), scanner);
+  std::size_t with_normal = 0;
+  for (const auto& p : result.cloud.points) {
+    if (p.normal.isZero()) continue;
+    ++with_normal;
+    // The chord over +-2 px of 1.4 mm seen up to 70 degrees off, 16 mm on a radius of 60, is symmetric but for the
+    // change of scale: (16/60)^2 / 2 = 0.036 at the rim.
+    ASSERT_GT(p.normal.dot((p.position_mm - centre).normalized()), 1 - 0.036);
+    ASSERT_NEAR(p.normal.norm(), 1.0, 1e-12);
+  }
+  EXPECT_GT(with_normal, result.cloud.points.size() * 9 / 10);
+}
+
+TEST(Reconstruct, CarriesThePhaseNoiseAlongTheRay) {
+  const auto scanner = sample_scanner();
+  auto map = exact_map(scanner, test::plane({0, 0, 0}, Eigen::Vector3d::UnitZ()));
+  const auto before = reconstruct(map, scanner, {.edge_margin_px = 0}).cloud;
+  for (float& phase : map.phase_rad.values()) phase += 0.01f;
+  const auto after = reconstruct(map, scanner, {.edge_margin_px = 0}).cloud;
+  ASSERT_EQ(before.points.size(), after.points.size());
+  for (std::size_t i = 0; i < before.points.size(); i += 97) {
+    // u(phi) of the map is 0.01 rad: the same step moves the point by u, to the curvature over 0.03 mm in 500 mm and
+    // the float's rounding.
+    const double moved = (after.points[i].position_mm - before.points[i].position_mm).norm();
+    ASSERT_NEAR(moved, before.points[i].u_along_ray_mm, 2e-4 * moved + 2 * kFloatPhaseMm);
+  }
+}
+
+TEST(Reconstruct, LeavesOutByNameWhatItCannotUse) {
+  const auto scanner = sample_scanner();
+  auto map = exact_map(scanner, test::plane({0, 0, 0}, Eigen::Vector3d::UnitZ()));
+  map.validity(100, 100) = 3;
+  map.u_phase_rad(200, 50) = 5.0f;
+  const auto result = reconstruct(map, scanner, {.edge_margin_px = 2});
+  EXPECT_EQ(result.n_invalid, 1u);
+  EXPECT_EQ(result.n_edge, 24u);  // 5 x 5 around it
+  EXPECT_EQ(result.n_noisy, 1u);
+  EXPECT_EQ(result.n_no_intersection, 0u);
+  EXPECT_EQ(result.cloud.points.size(), 320u * 240u - 26u);
+}
+
+TEST(Reconstruct, LeavesOutTheTwoSidesOfAStepInDepth) {
+  const auto scanner = sample_scanner();
+  const auto step = [&](const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {
+    // Z = 0 where the ray passes left of X = 0 there, else Z = 40.
+    const auto low = test::plane({0, 0, 0}, Eigen::Vector3d::UnitZ())(origin, direction);
+    const auto high = test::plane({0, 0, 40}, Eigen::Vector3d::UnitZ())(origin, direction);
+    return (origin + *low * direction).x() < 0 ? low : high;
+  };
+  const auto result = reconstruct(exact_map(scanner, step), scanner, {.edge_margin_px = 2});
+  // Two columns on either side; where the edge leaps to the next column, a few more.
+  EXPECT_GE(result.n_edge, 240u * 4u);
+  EXPECT_LE(result.n_edge, 240u * 4u + 8u);
+}
+
+TEST(Reconstruct, IsInOrderAndTheSameEveryTime) {
+  const auto scanner = sample_scanner();
+  const auto map = exact_map(scanner, test::sphere({0, 0, 0}, 50));
+  const auto a = reconstruct(map, scanner).cloud, b = reconstruct(map, scanner).cloud;
+  ASSERT_EQ(a.points.size(), b.points.size());
+  for (std::size_t i = 0; i < a.points.size(); ++i) {
+    ASSERT_EQ(a.points[i].position_mm, b.points[i].position_mm);
+    if (i > 0) {
+      const auto &p = a.points[i - 1], &q = a.points[i];
+      ASSERT_TRUE(p.pixel_y < q.pixel_y || (p.pixel_y == q.pixel_y && p.pixel_x < q.pixel_x));
+    }
+  }
+}
+
+TEST(Reconstruct, ClosedFormEqualsTheFullModelWhereThePapersGeometryIsExact) {
+  const auto scanner = ideal_scanner();
+  const auto map = exact_map(scanner, test::sphere({5, -8, 20}, 70));
+  const auto full = reconstruct(map, scanner, {.edge_margin_px = 0}).cloud;
+  const auto ideal = reconstruct(map, scanner, {.model = ReconstructionModel::ideal, .edge_margin_px = 0}).cloud;
+  const auto paper = reconstruct(map, scanner, {.model = ReconstructionModel::chen2008, .edge_margin_px = 0}).cloud;
+  ASSERT_GT(full.points.size(), 5000u);
+  ASSERT_EQ(full.points.size(), ideal.points.size());
+  ASSERT_EQ(full.points.size(), paper.points.size());
+  // The same phase goes into all: only rounding is left.
+  for (std::size_t i = 0; i < full.points.size(); ++i) {
+    ASSERT_LT((full.points[i].position_mm - ideal.points[i].position_mm).norm(), 1e-6);
+    ASSERT_LT((full.points[i].position_mm - paper.points[i].position_mm).norm(), 1e-6);
+  }
+}
+
+TEST(Reconstruct, RefusesACaptureOfAnotherInstrument) {
+  const auto scanner = sample_scanner();
+  const auto map = exact_map(scanner, test::plane({0, 0, 0}, Eigen::Vector3d::UnitZ()));
+  auto smaller = scanner;
+  smaller.camera.width_px = 319;
+  EXPECT_THROW(reconstruct(map, smaller), InputError);
+  auto other_code = map;
+  other_code.code.period = 0.25;
+  EXPECT_THROW(reconstruct(other_code, scanner), InputError);
+  auto other_axis = map;
+  other_axis.axis = CodeAxis::y;
+  EXPECT_THROW(reconstruct(other_axis, scanner), InputError);
+}
+
+TEST(PointCloudFile, ReadsBackWhatWasWritten) {
+  const auto scanner = sample_scanner();
+  const auto cloud = reconstruct(exact_map(scanner, test::sphere({0, 0, 0}, 50)), scanner).cloud;
+  const test::ScratchFolder scratch;
+  write_ply(scratch / "cloud.ply", cloud);
+  const auto back = read_ply(scratch / "cloud.ply");
+  ASSERT_EQ(back.points.size(), cloud.points.size());
+  for (std::size_t i = 0; i < cloud.points.size(); ++i) {
+    const auto &a = cloud.points[i], &b = back.points[i];
+    ASSERT_EQ(a.position_mm, b.position_mm);
+    ASSERT_LT((a.normal - b.normal).norm(), 1.1e-7);  // half the last place of a float below 1, three components
+    ASSERT_FLOAT_EQ(static_cast<float>(a.u_along_ray_mm), static_cast<float>(b.u_along_ray_mm));
+    ASSERT_EQ(a.modulation, b.modulation);
+    ASSERT_EQ(a.pixel_x, b.pixel_x);
+    ASSERT_EQ(a.pixel_y, b.pixel_y);
+  }
+}
+
+TEST(PointCloudFile, RefusesATruncatedOrForeignFile) {
+  const test::ScratchFolder scratch;
+  write_ply(scratch / "cloud.ply", PointCloud{.points = std::vector<CloudPoint>(3)});
+  std::filesystem::resize_file(scratch / "cloud.ply", std::filesystem::file_size(scratch / "cloud.ply") - 1);
+  EXPECT_THROW(read_ply(scratch / "cloud.ply"), InputError);
+  std::ofstream(scratch / "other.ply") << "ply\nformat ascii 1.0\nelement vertex 0\nend_header\n";
+  EXPECT_THROW(read_ply(scratch / "other.ply"), InputError);
+  EXPECT_THROW(read_ply(scratch / "absent.ply"), InputError);
+}
+
+}  // namespace
+}  // namespace fringecal::metrology
