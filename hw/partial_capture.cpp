@@ -1,0 +1,186 @@
+#include "hw/partial_capture.h"
+
+#include "core/error.h"
+#include "core/file.h"
+#include "core/image_file.h"
+#include "hw/exposure.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <numeric>
+#include <system_error>
+
+namespace fringecal::hw {
+namespace fs = std::filesystem;
+namespace {
+
+constexpr const char* kSchema = "fringecal.partial_capture";
+constexpr int kVersion = 1;
+constexpr const char* kStateFile = "partial.json";
+
+/// What two runs must have in common to share frames, as text to compare and to store.
+Value identity_of(const CaptureInfo& info, std::size_t exposures) {
+  Value codes = Value::object(), patterns = Value::array();
+  if (info.plan.x) codes.set("x", to_value(*info.plan.x));
+  if (info.plan.y) codes.set("y", to_value(*info.plan.y));
+  for (const Pattern& p : info.plan.patterns) patterns.append(to_value(p));
+  const auto camera = info.devices.find("camera");
+  Value out = Value::object();
+  out.set("source", info.source).set("camera", camera == info.devices.end() ? "" : camera->second);
+  out.set("width_px", info.width_px).set("height_px", info.height_px).set("bits", info.bits);
+  return out.set("exposures", exposures).set("codes", std::move(codes)).set("patterns", std::move(patterns));
+}
+
+/// "out/" and "out" are the same folder.
+fs::path without_slash(fs::path folder) {
+  while (!folder.has_filename() && folder.has_parent_path() && folder != folder.root_path()) {
+    folder = folder.parent_path();
+  }
+  return folder;
+}
+
+}  // namespace
+
+PartialCapture::PartialCapture(fs::path folder, Job job)
+    : folder_(without_slash(std::move(folder))),
+      partial_(folder_.string() + ".partial"),
+      job_(std::move(job)),
+      frames_(job_.info.plan.patterns.size() * job_.exposures) {
+  require(job_.exposures >= 1 && (job_.exposures_ms.empty() || job_.exposures_ms.size() == job_.exposures),
+          "a capture has one exposure time per exposure");
+  refuse_foreign_folder(folder_);
+  std::error_code error;
+  if (fs::exists(partial_ / kStateFile, error)) {
+    take_up();
+  } else if (fs::exists(partial_, error) && !fs::is_empty(partial_, error)) {
+    throw InputError(fmt::format("{}: there is no {} in it, so it is not the rest of a capture; move it away",
+                                 partial_.string(), kStateFile));
+  } else {
+    write_state();
+  }
+}
+
+std::string PartialCapture::file_name(std::size_t pattern, std::size_t exposure) const {
+  const std::string name = frame_file_name(pattern, job_.info.plan.patterns[pattern]);
+  if (job_.exposures == 1) return name;
+  return fmt::format("{}.exposure_{}.png", fs::path(name).stem().string(), exposure);
+}
+
+void PartialCapture::take_up() {
+  const fs::path file = partial_ / kStateFile;
+  Fields fields(read_json(file), file.string());
+  fields.expect_schema(kSchema, kVersion);
+  const std::string there = to_json(fields.raw("capture"));
+  if (there != to_json(identity_of(job_.info, job_.exposures))) {
+    throw InputError(fmt::format(
+        "{}: it holds frames of a capture with another plan, camera, source or number of exposures; finish that one "
+        "with its own settings, or remove the folder",
+        partial_.string()));
+  }
+  const std::vector<double> exposures_ms = fields.numbers("exposures_ms");
+  if (!job_.exposures_ms.empty() && !exposures_ms.empty() && exposures_ms != job_.exposures_ms) {
+    throw InputError(
+        fmt::format("{}: its frames were exposed for {} ms, now {} ms are asked for; finish it with its own exposure, "
+                    "or remove the folder",
+                    partial_.string(), fmt::join(exposures_ms, " and "), fmt::join(job_.exposures_ms, " and ")));
+  }
+  if (!exposures_ms.empty()) job_.exposures_ms = exposures_ms;
+  for (Fields& frame : fields.tables("frames")) {
+    const int pattern = frame.integer("pattern"), exposure = frame.integer("exposure");
+    const Saved saved{frame.text("file"), frame.text("sha256"), frame.text("time")};
+    frame.finish();
+    if (pattern < 0 || pattern >= static_cast<int>(job_.info.plan.patterns.size()) || exposure < 0 ||
+        exposure >= static_cast<int>(job_.exposures)) {
+      frame.complain(fmt::format("there is no pattern {} with exposure {} in this capture; remove the folder", pattern,
+                                 exposure));
+    }
+    const auto p = static_cast<std::size_t>(pattern), e = static_cast<std::size_t>(exposure);
+    std::error_code error;
+    // A frame that is missing or damaged is captured again.
+    if (saved.file != file_name(p, e) || !fs::is_regular_file(partial_ / saved.file, error)) continue;
+    if (sha256_of_file(partial_ / saved.file) == saved.sha256) frames_[index(p, e)] = saved;
+  }
+  fields.finish();
+}
+
+void PartialCapture::write_state() const {
+  Value frames = Value::array();
+  for (std::size_t k = 0; k < frames_.size(); ++k) {
+    if (!frames_[k]) continue;
+    Value v = Value::object();
+    v.set("pattern", k / job_.exposures).set("exposure", k % job_.exposures).set("file", frames_[k]->file);
+    frames.append(v.set("sha256", frames_[k]->sha256).set("time", frames_[k]->time));
+  }
+  Value out = Value::object();
+  out.set("schema", kSchema).set("schema_version", kVersion);
+  out.set("capture", identity_of(job_.info, job_.exposures)).set("exposures_ms", Value::numbers(job_.exposures_ms));
+  write_atomically(partial_ / kStateFile, to_json(out.set("frames", std::move(frames))));
+}
+
+void PartialCapture::set_exposures_ms(std::vector<double> exposures_ms) {
+  require(exposures_ms.size() == job_.exposures, "a capture has one exposure time per exposure");
+  job_.exposures_ms = std::move(exposures_ms);
+  write_state();
+}
+
+int PartialCapture::frames_there() const {
+  return static_cast<int>(std::count_if(frames_.begin(), frames_.end(), [](const auto& f) { return f.has_value(); }));
+}
+
+void PartialCapture::save(std::size_t pattern, std::size_t exposure, const GrayImage& image) {
+  const std::string bytes = encode_png(image);
+  const std::string file = file_name(pattern, exposure);
+  write_atomically(partial_ / file, bytes);
+  frames_[index(pattern, exposure)] = Saved{file, sha256_hex(bytes), utc_now()};
+  write_state();
+}
+
+void PartialCapture::merge(CaptureInfo& info) const {
+  // Shortest exposure first.
+  std::vector<std::size_t> order(job_.exposures);
+  std::iota(order.begin(), order.end(), std::size_t{0});
+  std::sort(order.begin(), order.end(),
+            [&](std::size_t a, std::size_t b) { return job_.exposures_ms[a] < job_.exposures_ms[b]; });
+  std::vector<std::vector<GrayImage>> stacks(job_.exposures);
+  for (std::size_t e = 0; e < job_.exposures; ++e) {
+    for (std::size_t k = 0; k < info.plan.patterns.size(); ++k) {
+      stacks[e].push_back(read_gray_image(partial_ / frames_[index(k, order[e])]->file));
+    }
+  }
+  Capture capture{.folder = {}, .info = info, .frames = merge_exposures(info.plan, stacks, (1 << info.bits) - 1)};
+  write_capture(folder_, capture);
+  std::error_code ignored;
+  fs::remove_all(partial_, ignored);
+}
+
+void PartialCapture::finish(const CaptureInfo& given) {
+  require(frames_there() == frames_wanted(), "a capture is finished when all its frames are there");
+  CaptureInfo info = given;
+  info.exposure_ms = *std::min_element(job_.exposures_ms.begin(), job_.exposures_ms.end());
+  info.frames.clear();
+  for (std::size_t k = 0; k < info.plan.patterns.size(); ++k) {
+    const Saved& saved = *frames_[index(k, 0)];
+    info.frames.push_back(
+        {.file = saved.file, .pattern = info.plan.patterns[k], .sha256 = saved.sha256, .time = saved.time});
+  }
+  if (job_.exposures > 1) return merge(info);
+  // Hard links: the frames stay in the partial folder until the capture stands under its name, so an interruption here
+  // loses nothing and repeats nothing.
+  FolderTransaction transaction(folder_);
+  for (const CaptureFrame& frame : info.frames) {
+    std::error_code error;
+    fs::create_hard_link(partial_ / frame.file, transaction.working() / frame.file, error);
+    if (error) fs::copy_file(partial_ / frame.file, transaction.working() / frame.file, error);
+    if (error) {
+      throw EnvironmentError(fmt::format("{}: cannot be copied into the capture ({}); free space and repeat the command",
+                                         (partial_ / frame.file).string(), error.message()));
+    }
+  }
+  write_capture_info(transaction.working(), info);
+  transaction.commit();
+  std::error_code ignored;
+  fs::remove_all(partial_, ignored);
+}
+
+}  // namespace fringecal::hw
