@@ -140,7 +140,7 @@ void FakeCamera::Device::start() {
   arv_fake_camera_set_fill_pattern(
       camera,
       [](ArvBuffer* buffer, void* self, guint32 exposure_us, guint32, ArvPixelFormat format) {
-        static_cast<Device*>(self)->fill(buffer, 1e-3 * exposure_us, format);
+        static_cast<Device*>(self)->fill(buffer, exposure_us / 1e3, format);
       },
       this);
   // ... and then ask for a number that only this device can know.
