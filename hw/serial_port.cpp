@@ -4,6 +4,8 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -35,6 +37,13 @@ speed_t speed_of(int baud) {
   }
 }
 
+/// A pseudo-terminal has no parity; asked for it, the C library reports an invalid argument, though not always.
+bool is_pseudo_terminal(int fd) {
+  struct stat info {};
+  const bool known = ::fstat(fd, &info) == 0 && S_ISCHR(info.st_mode);
+  return known && major(info.st_rdev) >= 136 && major(info.st_rdev) <= 143;  // Linux: UNIX98_PTY_SLAVE_MAJOR
+}
+
 int milliseconds_until(SteadyClock::time_point deadline) {
   const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - SteadyClock::now()).count();
   return left > 0 ? static_cast<int>(left) : 0;
@@ -54,7 +63,7 @@ SerialPort::SerialPort(const SerialLine& line) {
   ::cfmakeraw(&settings);
   settings.c_cflag |= CLOCAL | CREAD | CS8;
   settings.c_cflag &= ~static_cast<tcflag_t>(PARENB | PARODD | CSTOPB | CRTSCTS);
-  if (line.parity != Parity::none) settings.c_cflag |= PARENB;
+  if (line.parity != Parity::none && !is_pseudo_terminal(fd_)) settings.c_cflag |= PARENB;
   if (line.parity == Parity::odd) settings.c_cflag |= PARODD;
   if (line.stop_bits == 2) settings.c_cflag |= CSTOPB;
   settings.c_cc[VMIN] = 0;

@@ -85,6 +85,8 @@ class FakeCamera : public Camera {
     if (on_reopen) on_reopen();
   }
 
+  void use(virt::PlcCore& core) { core_ = &core; }
+
   static constexpr int kWidth = 8, kHeight = 4;
   int triggers = 0, reopened = 0;
   bool repeat_id = false;
