@@ -1,5 +1,5 @@
-// ScannerView: what the virtual camera sees at a trigger: the scene that the PLC's registers select, lit by the pattern in
-// the light path, at the camera's exposure.
+// ScannerView: what the virtual camera sees at a trigger: the scene that the PLC's registers select, lit by the pattern
+// in the light path, at the camera's exposure.
 //
 //   state    adjuster: all turns made so far, in their order; warm-up from its register; light factor =
 //            exposure / exposure of the data sheet
