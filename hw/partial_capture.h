@@ -1,6 +1,7 @@
-// PartialCapture: a capture that is not finished, in the folder NAME.partial beside the capture's own: every frame is on
-// disk as soon as it is taken, partial.json says which (schema "fringecal.partial_capture", version 1). A run that ends
-// early is continued from it; a frame whose image is whole (SHA-256) is never captured again.
+// PartialCapture: a capture that is not finished, in the folder NAME.partial beside the capture's own: every frame is
+// on disk, under the name it will have in the capture, as soon as it is taken; partial.json says of which capture they
+// are (schema "fringecal.partial_capture", version 1). A run that ends early is continued from there: a frame whose
+// image is there and whole (size, depth, the image file's own check sums) is never captured again.
 #pragma once
 
 #include "core/capture.h"
@@ -42,11 +43,12 @@ class PartialCapture {
 
  private:
   struct Saved {
-    std::string file, sha256, time;
+    std::string file, sha256;
   };
   std::size_t index(std::size_t pattern, std::size_t exposure) const { return pattern * job_.exposures + exposure; }
   std::string file_name(std::size_t pattern, std::size_t exposure) const;
   void take_up();
+  void find_frames();
   void write_state() const;
   void merge(CaptureInfo& info) const;
 

@@ -206,7 +206,8 @@ TEST(ModbusTcp, ServersStandSideBySideAndATakenPortIsSaid) {
   }
 }
 
-// Reference: the CRC of 01 04 02 FF FF is B8 80 on the wire (Modbus over Serial Line, worked example of the literature).
+// Reference: the CRC of 01 04 02 FF FF is B8 80 on the wire (Modbus over Serial Line, worked example of the
+// literature).
 TEST(ModbusRtu, TheCheckSumIsThatOfTheSpecification) {
   EXPECT_EQ(virt::modbus_crc(std::string_view("\x01\x04\x02\xFF\xFF", 5)), 0x80B8);
 }
