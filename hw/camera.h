@@ -1,8 +1,7 @@
-// Camera: what the capture sequence needs of one, and nothing else. The real one is a GenICam camera
-// (hw/aravis_camera.h).
+// Camera: what the capture sequence needs of one, and nothing else. The real one is a GenICam camera (hw/aravis_camera.h).
 //
-// A frame belongs to exactly one trigger. An implementation must never hand a frame of an earlier trigger to a later
-// one; it proves it by the frame's id, and what it cannot prove it throws away.
+// A frame belongs to exactly one trigger. An implementation must never hand a frame of an earlier trigger to a later one;
+// it proves it by the frame's id, and what it cannot prove it throws away.
 #pragma once
 
 #include "core/image.h"
@@ -17,12 +16,12 @@ namespace fringecal::hw {
 struct CameraIdentity {
   std::string vendor, model, serial, firmware;
   int width_px = 0, height_px = 0;
-  int bits = 8;  // significant bits per pixel
+  int bits = 8;                    // significant bits per pixel
 };
 
 struct CameraFrame {
   GrayImage image;
-  std::uint64_t frame_id = 0;  // of the device
+  std::uint64_t frame_id = 0;      // of the device
 };
 
 /// The device does not answer, or its link is lost: it can be worth opening it again.

@@ -78,8 +78,9 @@ void CaptureSequence::capture_frames() {
   report_.exposures_ms = partial_->exposures_ms();
   for (std::size_t k = 0; k < options_.plan.patterns.size(); ++k) {
     capture_pattern(k);
-    if (options_.progress) options_.progress(partial_->frames_there(), partial_->frames_wanted());
+    if (options_.progress) options_.progress(static_cast<int>(k) + 1, static_cast<int>(options_.plan.patterns.size()));
   }
+  partial_->settle();
 }
 
 void CaptureSequence::capture_pattern(std::size_t k) {
@@ -88,9 +89,9 @@ void CaptureSequence::capture_pattern(std::size_t k) {
     if (partial_->has(k, e)) continue;
     GrayImage image;
     with_recovery("taking " + name_of(k), [&] { image = take_frame(k, partial_->exposures_ms()[e]); });
-    partial_->save(k, e, image);
-    ++report_.frames_taken;
     if (e == 0) report_.saturated_part = std::max(report_.saturated_part, saturated_part(image, saturation));
+    partial_->save(k, e, std::move(image));
+    ++report_.frames_taken;
   }
 }
 
@@ -367,8 +368,13 @@ void CaptureSequence::lamp_off_and_park() {
   wait_for_echo("parking", PlcState::idle);
 }
 
-std::string CaptureSequence::where_it_stands(const std::string& trouble) const {
+std::string CaptureSequence::where_it_stands(const std::string& trouble) {
   std::string text;
+  try {
+    if (partial_) partial_->settle();
+  } catch (const EnvironmentError& e) {
+    text += fmt::format("; {}", e.what());
+  }
   if (!trouble.empty()) text += "; " + trouble;
   if (partial_ && partial_->frames_there() > 0) {
     text += fmt::format("; {} of {} frames are kept in {}, the same command continues there", partial_->frames_there(),

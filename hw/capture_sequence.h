@@ -50,8 +50,8 @@ struct CaptureOptions {
       1000};  // besides the exposure; a frame of 1.4 MB takes 12 ms on gigabit Ethernet
   std::chrono::milliseconds motion_limit{15000};
   std::chrono::milliseconds poll{2};
-  std::chrono::milliseconds feed{300};  // a watchdog's limit is seconds
-  std::function<void(int done, int total)> progress;
+  std::chrono::milliseconds feed{300};                // a watchdog's limit is seconds
+  std::function<void(int done, int total)> progress;  // patterns
 };
 
 struct CaptureReport {
@@ -100,7 +100,7 @@ class CaptureSequence {
   /// Lamp off, stage parked; a sentence about what could not be done, else empty.
   std::string make_safe() noexcept;
   void lamp_off_and_park();
-  std::string where_it_stands(const std::string& trouble) const;
+  std::string where_it_stands(const std::string& trouble);
 
   Camera& camera_;
   Plc& plc_;

@@ -139,11 +139,19 @@ int PartialCapture::frames_there() const {
   return static_cast<int>(std::count_if(frames_.begin(), frames_.end(), [](const auto& f) { return f.has_value(); }));
 }
 
-void PartialCapture::save(std::size_t pattern, std::size_t exposure, const GrayImage& image) {
-  const std::string bytes = encode_png(image);
-  const std::string file = file_name(pattern, exposure);
-  write_atomically(partial_ / file, bytes);
-  frames_[index(pattern, exposure)] = Saved{file, sha256_hex(bytes)};
+void PartialCapture::save(std::size_t pattern, std::size_t exposure, GrayImage image) {
+  settle();
+  writing_index_ = index(pattern, exposure);
+  writing_ = std::async(std::launch::async,
+                        [folder = partial_, file = file_name(pattern, exposure), frame = std::move(image)] {
+                          const std::string bytes = encode_png(frame);
+                          write_atomically(folder / file, bytes);
+                          return Saved{file, sha256_hex(bytes)};
+                        });
+}
+
+void PartialCapture::settle() {
+  if (writing_.valid()) frames_[writing_index_] = writing_.get();
 }
 
 void PartialCapture::merge(CaptureInfo& info) const {
@@ -165,6 +173,7 @@ void PartialCapture::merge(CaptureInfo& info) const {
 }
 
 void PartialCapture::finish(const CaptureInfo& given) {
+  settle();
   require(frames_there() == frames_wanted(), "a capture is finished when all its frames are there");
   CaptureInfo info = given;
   info.exposure_ms = *std::min_element(job_.exposures_ms.begin(), job_.exposures_ms.end());

@@ -2,11 +2,15 @@
 // on disk, under the name it will have in the capture, as soon as it is taken; partial.json says of which capture they
 // are (schema "fringecal.partial_capture", version 1). A run that ends early is continued from there: a frame whose
 // image is there and whole (size, depth, the image file's own check sums) is never captured again.
+//
+// Encoding and writing one frame runs beside the capture of the next; save() waits for the frame before. At most one
+// frame is therefore in memory only.
 #pragma once
 
 #include "core/capture.h"
 
 #include <filesystem>
+#include <future>
 #include <optional>
 #include <string>
 #include <vector>
@@ -36,7 +40,10 @@ class PartialCapture {
   int frames_wanted() const { return static_cast<int>(frames_.size()); }
   const std::filesystem::path& folder() const { return partial_; }
 
-  void save(std::size_t pattern, std::size_t exposure, const GrayImage& image);
+  /// Throws EnvironmentError where the frame *before* could not be written.
+  void save(std::size_t pattern, std::size_t exposure, GrayImage image);
+  /// Waits until every frame is on disk. Throws EnvironmentError.
+  void settle();
   /// All frames are there: makes the capture of them, under its own name. The temperatures and devices are those of
   /// `info`.
   void finish(const CaptureInfo& info);
@@ -55,6 +62,8 @@ class PartialCapture {
   std::filesystem::path folder_, partial_;
   Job job_;
   std::vector<std::optional<Saved>> frames_;  // index()
+  std::future<Saved> writing_;
+  std::size_t writing_index_ = 0;
 };
 
 }  // namespace fringecal::hw
