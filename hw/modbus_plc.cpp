@@ -12,7 +12,7 @@ namespace {
 
 char letter_of(Parity parity) { return parity == Parity::none ? 'N' : parity == Parity::even ? 'E' : 'O'; }
 
-/// The PLC's own refusals, in words [Modbus Application Protocol V1.1b, section 7].
+/// The PLC's own refusals, in words [Modbus, Application Protocol section 7].
 std::string exception_words(int error) {
   const int code = error - MODBUS_ENOBASE;
   const char* words = "an exception without a meaning in the protocol";
