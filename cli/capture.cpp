@@ -1,6 +1,7 @@
 // fringecal capture: one stack of frames from the scanner that scanner.toml describes.
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/scene_selection.h"
 #include "core/error.h"
 #include "core/value.h"
 #include "hw/capture_sequence.h"
@@ -11,11 +12,9 @@
 #include <unistd.h>
 #include <CLI/CLI.hpp>
 
-#include <algorithm>
 #include <chrono>
 #include <cstdio>
 #include <memory>
-#include <sstream>
 
 namespace fringecal::cli {
 namespace {
@@ -29,20 +28,8 @@ struct Options {
   bool hdr = false, json = false;
 };
 
-/// "plane 3" as the virtual PLC's registers say it.
 hw::VirtualSelection selection_of(const Options& o) {
-  std::istringstream words(o.scene);
-  std::string name;
-  int pose = 0;
-  words >> name >> pose;
-  const auto found = std::find(hw::kSceneNames.begin(), hw::kSceneNames.end(), name);
-  if (found == hw::kSceneNames.end() || pose < 0 || pose > 65535) {
-    throw InputError(
-        fmt::format("--scene '{}': give alignment, calibration, plane, spheres or cylinder, and its number", o.scene));
-  }
-  hw::VirtualSelection selection;
-  selection.scene = static_cast<std::uint16_t>(found - hw::kSceneNames.begin());
-  selection.pose = static_cast<std::uint16_t>(pose);
+  hw::VirtualSelection selection = scene_selection(o.scene);
   selection.stack_seed = o.stack_seed;
   selection.warm_up_min = static_cast<std::uint16_t>(o.warm_up_min);
   return selection;

@@ -2,9 +2,11 @@
 // on request MEWTOCOL-COM, on loopback.
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/scene_selection.h"
 #include "core/error.h"
 #include "core/fields.h"
 #include "core/file.h"
+#include "hw/plc_map.h"
 #include "hw/scanner_file.h"
 #include "hw/virtual/fake_camera.h"
 #include "hw/virtual/mewtocol_server.h"
@@ -12,8 +14,10 @@
 #include "hw/virtual/scanner_view.h"
 
 #include <fmt/format.h>
+#include <unistd.h>
 #include <CLI/CLI.hpp>
 
+#include <array>
 #include <cstdio>
 #include <filesystem>
 #include <memory>
@@ -25,8 +29,8 @@ namespace {
 constexpr const char* kStateSchema = "fringecal.virtual-state";
 
 struct Options {
-  std::string preset = "chen2008", address = "127.0.0.1", state_file, frame_log, scanner_file, truth_file;
-  std::uint64_t seed = 1;
+  std::string preset = "chen2008", address = "127.0.0.1", state_file, frame_log, scanner_file, truth_file, scene = "alignment";
+  std::uint64_t seed = 1, stack_seed = 1;
   std::optional<double> theta_mrad;
   int bits = 8, plc_port = 0, motion_ms = 0, watchdog_ms = 10000;
   double packet_loss = 0;
@@ -55,6 +59,13 @@ std::string one_line(const Value& value) {
   return out;
 }
 
+void select(virt::PlcCore& core, const hw::VirtualSelection& selection) {
+  std::array<std::uint16_t, 7> words = {selection.scene, selection.pose};
+  for (std::size_t i = 0; i < 4; ++i) words[2 + i] = static_cast<std::uint16_t>(selection.stack_seed >> (16 * i));
+  words[6] = selection.warm_up_min;
+  require(core.write(hw::dt::kScene, words), "the virtual PLC has the block of the virtual scanner");
+}
+
 void serve(const Options& o) {
   Interrupt interrupt;
   if (!end_with_parent()) return;
@@ -67,6 +78,9 @@ void serve(const Options& o) {
   plc.homing = std::chrono::milliseconds(o.motion_ms);
   plc.watchdog = std::chrono::milliseconds(o.watchdog_ms);
   virt::PlcCore core(plc);
+  hw::VirtualSelection selection = scene_selection(o.scene);
+  selection.stack_seed = o.stack_seed;
+  select(core, selection);
   const std::vector<double> earlier = turns_in(o.state_file);
   virt::ScannerView view(scanner, core, earlier);
   const virt::FakeCamera camera({.address = o.address,
@@ -96,7 +110,8 @@ void serve(const Options& o) {
                     .set("plc", plc_address)
                     .set("preset", o.preset)
                     .set("seed", std::to_string(o.seed))
-                    .set("bits", data.bits);
+                    .set("bits", data.bits)
+                    .set("pid", static_cast<int>(getpid()));
   if (rtu) ready.set("plc_rtu", fmt::format("modbus-rtu:{}?baud=115200&slave=1", rtu->device()));
   if (mewtocol) ready.set("plc_mewtocol", fmt::format("mewtocol:{}?baud=9600&station=1", mewtocol->device()));
   fmt::print("{}\n", one_line(ready));
@@ -142,6 +157,9 @@ void add_virtual(CLI::App& app) {
   command->add_option("--watchdog", o->watchdog_ms, "The PLC's watchdog, ms")
       ->check(CLI::Range(100, 60000))
       ->capture_default_str();
+  command->add_option("--scene", o->scene, "What stands before the scanner at first, such as \"plane 0\"")
+      ->capture_default_str();
+  command->add_option("--stack-seed", o->stack_seed, "Seed of the noise at first")->capture_default_str();
   command->add_option("--packet-loss", o->packet_loss, "Share of the camera's packets that is dropped")
       ->check(CLI::Range(0.0, 0.99))
       ->capture_default_str();

@@ -66,9 +66,9 @@ void CaptureSequence::capture_frames() {
     exposures_ms.push_back(*options_.exposure_ms);
     if (options_.hdr_ratio) exposures_ms.push_back(*options_.exposure_ms * *options_.hdr_ratio);
   }
-  partial_.emplace(options_.folder, PartialCapture::Job{.info = info(),
-                                                        .exposures = options_.hdr_ratio ? 2u : 1u,
-                                                        .exposures_ms = exposures_ms});
+  partial_.emplace(
+      options_.folder,
+      PartialCapture::Job{.info = info(), .exposures = options_.hdr_ratio ? 2u : 1u, .exposures_ms = exposures_ms});
   report_.frames_resumed = partial_->frames_there();
   if (partial_->frames_there() == partial_->frames_wanted()) {
     report_.exposures_ms = partial_->exposures_ms();
@@ -78,8 +78,9 @@ void CaptureSequence::capture_frames() {
   report_.exposures_ms = partial_->exposures_ms();
   for (std::size_t k = 0; k < options_.plan.patterns.size(); ++k) {
     capture_pattern(k);
-    if (options_.progress) options_.progress(partial_->frames_there(), partial_->frames_wanted());
+    if (options_.progress) options_.progress(static_cast<int>(k) + 1, static_cast<int>(options_.plan.patterns.size()));
   }
+  partial_->settle();
 }
 
 void CaptureSequence::capture_pattern(std::size_t k) {
@@ -88,9 +89,9 @@ void CaptureSequence::capture_pattern(std::size_t k) {
     if (partial_->has(k, e)) continue;
     GrayImage image;
     with_recovery("taking " + name_of(k), [&] { image = take_frame(k, partial_->exposures_ms()[e]); });
-    partial_->save(k, e, image);
-    ++report_.frames_taken;
     if (e == 0) report_.saturated_part = std::max(report_.saturated_part, saturated_part(image, saturation));
+    partial_->save(k, e, std::move(image));
+    ++report_.frames_taken;
   }
 }
 
@@ -98,24 +99,29 @@ void CaptureSequence::capture_pattern(std::size_t k) {
 template <class Work>
 void CaptureSequence::with_recovery(const std::string& operation, const Work& work) {
   int frames_lost = 0, camera_lost = 0, plc_lost = 0;
+  bool stalled = false, reopening = false;
   const auto event = [&](const char* device, const char* what) {
     report_.events.push_back(fmt::format("{}: {}: {}", device, operation, what));
   };
   for (;;) {
     check_stop();
     try {
+      if (reopening) pause(options_.reopen_pause);
+      reopening = false;
       if (!camera_ready_) prepare_camera();
+      if (stalled) forgive_watchdog();
+      stalled = false;
       if (partial_ && !plc_ready_) prepare_plc();
       work();
       return;
     } catch (const FrameLost& e) {
       event("camera", e.what());
       if (++frames_lost >= options_.frame_attempts) {
-        throw EnvironmentError(
-            fmt::format("camera {}: {} failed {} times: {}; check cable, light and network load",
-                        identity_text(camera_identity_), operation, frames_lost, e.what()));
+        throw EnvironmentError(fmt::format("camera {}: {} failed {} times: {}; check cable, light and network load",
+                                           identity_text(camera_identity_), operation, frames_lost, e.what()));
       }
       ++report_.retakes;
+      stalled = true;
     } catch (const CameraLost& e) {
       event("camera", e.what());
       camera_ready_ = false;
@@ -124,16 +130,16 @@ void CaptureSequence::with_recovery(const std::string& operation, const Work& wo
                                            identity_text(camera_identity_), operation, options_.reopen_attempts,
                                            e.what()));
       }
-      pause(options_.reopen_pause);
+      stalled = reopening = true;
     } catch (const PlcLost& e) {
       event("PLC", e.what());
       plc_ready_ = false;
       plc_needs_opening_ = true;
       if (++plc_lost > options_.reopen_attempts) {
-        throw EnvironmentError(fmt::format("{} (while {}; opened again {} times)", e.what(), operation,
-                                           options_.reopen_attempts));
+        throw EnvironmentError(
+            fmt::format("{} (while {}; opened again {} times)", e.what(), operation, options_.reopen_attempts));
       }
-      pause(options_.reopen_pause);
+      reopening = true;
     } catch (const PlcFault& e) {
       throw EnvironmentError(fmt::format("{} (while {})", e.what(), operation));
     }
@@ -146,6 +152,15 @@ void CaptureSequence::prepare_camera() {
   camera_exposure_ms_.reset();
   last_frame_id_.reset();
   camera_ready_ = true;
+}
+
+/// Waiting for a camera starves the PLC's watchdog: that fault is of our making, and prepare_plc() may clear it.
+void CaptureSequence::forgive_watchdog() {
+  if (!plc_ready_) return;
+  status_ = plc_.status();
+  if (status_.state == PlcState::fault && status_.fault_code == static_cast<std::uint16_t>(PlcFaultCode::watchdog)) {
+    plc_ready_ = false;
+  }
 }
 
 void CaptureSequence::prepare_plc() {
@@ -219,8 +234,8 @@ GrayImage CaptureSequence::take_frame(std::size_t k, double exposure_ms) {
     throw FrameLost(fmt::format("frame {} came twice", frame.frame_id));
   }
   last_frame_id_ = frame.frame_id;
-  const std::string defect = defect_of_frame(frame.image, camera_identity_.width_px, camera_identity_.height_px,
-                                             camera_identity_.bits);
+  const std::string defect =
+      defect_of_frame(frame.image, camera_identity_.width_px, camera_identity_.height_px, camera_identity_.bits);
   if (!defect.empty()) throw FrameLost("the frame " + defect);
   status_ = checked_status("checking after " + name_of(k));
   if (status_.state != PlcState::in_position || status_.sequence_done != sequence_ || !status_.lamp_on) {
@@ -251,6 +266,10 @@ PlcStatus CaptureSequence::wait_for_echo(const std::string& operation, PlcState 
   for (;;) {
     status_ = plc_.status();
     const bool echoed = status_.sequence_done == sequence_;
+    if (status_.fault_code == static_cast<std::uint16_t>(PlcFaultCode::not_homed) && homed_) {
+      throw PlcLost(
+          fmt::format("{}: {} failed: it has been restarted (it is no longer homed)", plc_identity_, operation));
+    }
     if (status_.state == PlcState::fault) {
       throw PlcFault(fmt::format("{}: {} failed: fault {} ({})", plc_identity_, operation, status_.fault_code,
                                  fault_words(status_.fault_code)));
@@ -261,11 +280,11 @@ PlcStatus CaptureSequence::wait_for_echo(const std::string& operation, PlcState 
                                 plc_identity_, operation, before, status_.sequence_done));
     }
     if (clock_.now() >= limit) {
-      throw PlcFault(fmt::format("{}: {} failed: not finished within {} ms (state {}, sequence {} instead of {}, "
-                                 "position {:.3f} mm)",
-                                 plc_identity_, operation, options_.motion_limit.count(),
-                                 static_cast<int>(status_.state), status_.sequence_done, sequence_,
-                                 1e-3 * status_.position_um));
+      throw PlcFault(
+          fmt::format("{}: {} failed: not finished within {} ms (state {}, sequence {} instead of {}, "
+                      "position {:.3f} mm)",
+                      plc_identity_, operation, options_.motion_limit.count(), static_cast<int>(status_.state),
+                      status_.sequence_done, sequence_, 1e-3 * status_.position_um));
     }
     feed();
     check_stop();
@@ -292,6 +311,7 @@ void CaptureSequence::pause(std::chrono::milliseconds duration) {
   const auto end = clock_.now() + duration;
   while (clock_.now() < end) {
     check_stop();
+    if (plc_ready_) feed();
     clock_.sleep_for(std::min<std::chrono::microseconds>(duration, std::chrono::milliseconds(20)));
   }
 }
@@ -348,12 +368,17 @@ void CaptureSequence::lamp_off_and_park() {
   wait_for_echo("parking", PlcState::idle);
 }
 
-std::string CaptureSequence::where_it_stands(const std::string& trouble) const {
+std::string CaptureSequence::where_it_stands(const std::string& trouble) {
   std::string text;
+  try {
+    if (partial_) partial_->settle();
+  } catch (const EnvironmentError& e) {
+    text += fmt::format("; {}", e.what());
+  }
   if (!trouble.empty()) text += "; " + trouble;
   if (partial_ && partial_->frames_there() > 0) {
-    text += fmt::format("; {} of {} frames are kept in {}, the same command continues there",
-                        partial_->frames_there(), partial_->frames_wanted(), partial_->folder().string());
+    text += fmt::format("; {} of {} frames are kept in {}, the same command continues there", partial_->frames_there(),
+                        partial_->frames_wanted(), partial_->folder().string());
   }
   return text;
 }

@@ -1,6 +1,7 @@
 // CaptureSequence: one stack of frames from a camera and a PLC, on disk as a Capture.
 //
-//   home, lamp on; for each pattern: move -> wait for the echoed sequence number *and* "in position" -> trigger -> frame
+//   home, lamp on; for each pattern: move -> wait for the echoed sequence number *and* "in position" -> trigger ->
+//   frame
 //   -> the PLC asked again (still in position, lamp lit, no fault: else the frame does not count) -> saved at once;
 //   lamp off and stage parked on every way out, also on exceptions and a stop request.
 //
@@ -37,28 +38,29 @@ namespace fringecal::hw {
 struct CaptureOptions {
   std::filesystem::path folder;
   PatternPlan plan;
-  std::string source;                  // of the capture: what was captured, in words
-  std::optional<double> exposure_ms;   // absent: found from test frames
-  std::optional<double> hdr_ratio;     // a second exposure, longer by this factor, merged by modulation; absent: one
+  std::string source;                 // of the capture: what was captured, in words
+  std::optional<double> exposure_ms;  // absent: found from test frames
+  std::optional<double> hdr_ratio;    // a second exposure, longer by this factor, merged by modulation; absent: one
   ExposureSearch search;
   double lamp_level = 1.0;
-  int frame_attempts = 4;              // per frame: three losses in a row at 2 % loss are one in 10^5
-  int reopen_attempts = 5;             // per incident
+  int frame_attempts = 4;                        // per frame: three losses in a row at 2 % loss are one in 10^5
+  int reopen_attempts = 5;                       // per incident
   std::chrono::milliseconds reopen_pause{1000};  // a PLC boots in a few seconds
-  std::chrono::milliseconds frame_limit{2000};   // besides the exposure
+  std::chrono::milliseconds frame_limit{
+      1000};  // besides the exposure; a frame of 1.4 MB takes 12 ms on gigabit Ethernet
   std::chrono::milliseconds motion_limit{15000};
   std::chrono::milliseconds poll{2};
-  std::chrono::milliseconds feed{300};  // a watchdog's limit is seconds
-  std::function<void(int done, int total)> progress;
+  std::chrono::milliseconds feed{300};                // a watchdog's limit is seconds
+  std::function<void(int done, int total)> progress;  // patterns
 };
 
 struct CaptureReport {
   int frames_taken = 0, frames_resumed = 0;
-  int retakes = 0;         // frames taken again
+  int retakes = 0;  // frames taken again
   int camera_reopened = 0, plc_reopened = 0;
   std::vector<double> exposures_ms;
-  double saturated_part = 0;         // of the worst frame of the shortest exposure
-  std::vector<std::string> events;   // one sentence per retake and reopening
+  double saturated_part = 0;        // of the worst frame of the shortest exposure
+  std::vector<std::string> events;  // one sentence per retake and reopening
 };
 
 /// The run was asked to stop; lamp and stage are safe, the frames are kept.
@@ -82,6 +84,7 @@ class CaptureSequence {
   void capture_frames();
   void prepare_camera();
   void prepare_plc();
+  void forgive_watchdog();
   void find_exposures();
   void capture_pattern(std::size_t k);
   GrayImage take_frame(std::size_t k, double exposure_ms);
@@ -97,7 +100,7 @@ class CaptureSequence {
   /// Lamp off, stage parked; a sentence about what could not be done, else empty.
   std::string make_safe() noexcept;
   void lamp_off_and_park();
-  std::string where_it_stands(const std::string& trouble) const;
+  std::string where_it_stands(const std::string& trouble);
 
   Camera& camera_;
   Plc& plc_;
@@ -109,10 +112,10 @@ class CaptureSequence {
 
   CameraIdentity camera_identity_;
   std::string plc_identity_;
-  PlcStatus status_;                    // the last one read
+  PlcStatus status_;  // the last one read
   std::map<std::string, double> temperatures_degC_;
-  std::uint16_t sequence_ = 0;          // of the last command
-  std::optional<std::size_t> at_;       // the pattern in position
+  std::uint16_t sequence_ = 0;     // of the last command
+  std::optional<std::size_t> at_;  // the pattern in position
   std::optional<double> camera_exposure_ms_;
   std::optional<std::uint64_t> last_frame_id_;
   bool camera_ready_ = true, plc_ready_ = false, plc_touched_ = false, plc_needs_opening_ = false, homed_ = false;

@@ -114,7 +114,10 @@ std::string parse_ip_address(const std::string& text, const std::string& what) {
   if (part[0] == 0 || part[0] >= 224) {
     throw InputError(fmt::format(
         "{} address '{}': this is a {} address, which reaches more than one device; give the device's own IP address",
-        what, text, part[0] == 0 ? "wildcard" : part[0] < 240 ? "multicast" : "broadcast or reserved"));
+        what, text,
+        part[0] == 0    ? "wildcard"
+        : part[0] < 240 ? "multicast"
+                        : "broadcast or reserved"));
   }
   return fmt::format("{}.{}.{}.{}", part[0], part[1], part[2], part[3]);
 }

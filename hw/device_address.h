@@ -27,11 +27,11 @@ struct SerialLine {
 
 struct PlcAddress {
   PlcProtocol protocol = PlcProtocol::modbus_tcp;
-  std::string host;      // modbus_tcp
-  int port = 502;        // modbus_tcp
-  SerialLine line;       // the others
-  int station = 1;       // slave or station number
-  std::string text;      // as the user wrote it
+  std::string host;  // modbus_tcp
+  int port = 502;    // modbus_tcp
+  SerialLine line;   // the others
+  int station = 1;   // slave or station number
+  std::string text;  // as the user wrote it
 };
 
 PlcAddress parse_plc_address(const std::string& text);

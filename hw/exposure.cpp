@@ -107,8 +107,8 @@ int bright_level(const GrayImage& frame) {
 double saturated_part(const GrayImage& frame, int saturation_level) {
   return std::visit(
       [&](const auto& image) {
-        const auto n = std::count_if(image.values().begin(), image.values().end(),
-                                     [&](auto v) { return v >= saturation_level; });
+        const auto n =
+            std::count_if(image.values().begin(), image.values().end(), [&](auto v) { return v >= saturation_level; });
         return image.empty() ? 0.0 : static_cast<double>(n) / static_cast<double>(image.size());
       },
       frame);

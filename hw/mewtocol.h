@@ -9,7 +9,7 @@
 // each, a word as four hexadecimal digits *low byte first* (0x0064 is "6400"); RCS and WCS (read, write one contact),
 // letter + three decimal digits + one hexadecimal digit (X000A). A frame has at most 118 characters with its CR, hence
 //   RD: 6 + 4 n + 3 <= 118  ->  n <= 27 words,    WD: 6 + 11 + 4 n + 3 <= 118  ->  n <= 24 words                (2)
-// Source: Panasonic, MEWTOCOL-COM protocol specification, frame format and error codes (FP series manuals).
+// Source: [MEWTOCOL], frame format and error codes.
 // Texts that break the frame's rules throw MewtocolError with the reason.
 #pragma once
 

@@ -12,22 +12,43 @@ namespace {
 
 char letter_of(Parity parity) { return parity == Parity::none ? 'N' : parity == Parity::even ? 'E' : 'O'; }
 
-/// The PLC's own refusals, in words [Modbus Application Protocol V1.1b, section 7].
+/// The PLC's own refusals, in words [Modbus, Application Protocol section 7].
 std::string exception_words(int error) {
   const int code = error - MODBUS_ENOBASE;
   const char* words = "an exception without a meaning in the protocol";
   switch (error) {
-    case EMBXILFUN: words = "illegal function"; break;
-    case EMBXILADD: words = "illegal data address"; break;
-    case EMBXILVAL: words = "illegal data value"; break;
-    case EMBXSFAIL: words = "device failure"; break;
-    case EMBXACK: words = "acknowledge, still working"; break;
-    case EMBXSBUSY: words = "device busy"; break;
-    case EMBXNACK: words = "negative acknowledge"; break;
-    case EMBXMEMPAR: words = "memory parity error"; break;
-    case EMBXGPATH: words = "gateway path unavailable"; break;
-    case EMBXGTAR: words = "the device behind the gateway does not respond"; break;
-    default: break;
+    case EMBXILFUN:
+      words = "illegal function";
+      break;
+    case EMBXILADD:
+      words = "illegal data address";
+      break;
+    case EMBXILVAL:
+      words = "illegal data value";
+      break;
+    case EMBXSFAIL:
+      words = "device failure";
+      break;
+    case EMBXACK:
+      words = "acknowledge, still working";
+      break;
+    case EMBXSBUSY:
+      words = "device busy";
+      break;
+    case EMBXNACK:
+      words = "negative acknowledge";
+      break;
+    case EMBXMEMPAR:
+      words = "memory parity error";
+      break;
+    case EMBXGPATH:
+      words = "gateway path unavailable";
+      break;
+    case EMBXGTAR:
+      words = "the device behind the gateway does not respond";
+      break;
+    default:
+      break;
   }
   return fmt::format("Modbus exception {} ({})", code, words);
 }

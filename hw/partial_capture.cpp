@@ -7,7 +7,11 @@
 
 #include <fmt/format.h>
 
+#include <sys/stat.h>
+
 #include <algorithm>
+#include <cstdlib>
+#include <ctime>
 #include <numeric>
 #include <system_error>
 
@@ -30,6 +34,17 @@ Value identity_of(const CaptureInfo& info, std::size_t exposures) {
   out.set("source", info.source).set("camera", camera == info.devices.end() ? "" : camera->second);
   out.set("width_px", info.width_px).set("height_px", info.height_px).set("bits", info.bits);
   return out.set("exposures", exposures).set("codes", std::move(codes)).set("patterns", std::move(patterns));
+}
+
+/// When a frame was written; the clock of utc_now() where that is set from outside.
+std::string time_of(const fs::path& file) {
+  struct stat info {};
+  std::tm parts{};
+  if (std::getenv("SOURCE_DATE_EPOCH") || ::stat(file.c_str(), &info) != 0 || !::gmtime_r(&info.st_mtime, &parts)) {
+    return utc_now();
+  }
+  return fmt::format("{:04}-{:02}-{:02}T{:02}:{:02}:{:02}Z", parts.tm_year + 1900, parts.tm_mon + 1, parts.tm_mday,
+                     parts.tm_hour, parts.tm_min, parts.tm_sec);
 }
 
 /// "out/" and "out" are the same folder.
@@ -86,36 +101,32 @@ void PartialCapture::take_up() {
                     partial_.string(), fmt::join(exposures_ms, " and "), fmt::join(job_.exposures_ms, " and ")));
   }
   if (!exposures_ms.empty()) job_.exposures_ms = exposures_ms;
-  for (Fields& frame : fields.tables("frames")) {
-    const int pattern = frame.integer("pattern"), exposure = frame.integer("exposure");
-    const Saved saved{frame.text("file"), frame.text("sha256"), frame.text("time")};
-    frame.finish();
-    if (pattern < 0 || pattern >= static_cast<int>(job_.info.plan.patterns.size()) || exposure < 0 ||
-        exposure >= static_cast<int>(job_.exposures)) {
-      frame.complain(fmt::format("there is no pattern {} with exposure {} in this capture; remove the folder", pattern,
-                                 exposure));
-    }
-    const auto p = static_cast<std::size_t>(pattern), e = static_cast<std::size_t>(exposure);
-    std::error_code error;
-    // A frame that is missing or damaged is captured again.
-    if (saved.file != file_name(p, e) || !fs::is_regular_file(partial_ / saved.file, error)) continue;
-    if (sha256_of_file(partial_ / saved.file) == saved.sha256) frames_[index(p, e)] = saved;
-  }
   fields.finish();
+  find_frames();
+}
+
+void PartialCapture::find_frames() {
+  const CaptureInfo& info = job_.info;
+  for (std::size_t k = 0; k < frames_.size(); ++k) {
+    const std::string file = file_name(k / job_.exposures, k % job_.exposures);
+    std::error_code error;
+    if (!fs::is_regular_file(partial_ / file, error)) continue;
+    const std::string bytes = read_bytes(partial_ / file);
+    try {
+      const GrayImage image = decode_gray_image(bytes, file);
+      if (defect_of_frame(image, info.width_px, info.height_px, info.bits).empty())
+        frames_[k] = {file, sha256_hex(bytes)};
+    } catch (const InputError&) {
+      frames_[k].reset();  // damaged: to be captured again
+    }
+  }
 }
 
 void PartialCapture::write_state() const {
-  Value frames = Value::array();
-  for (std::size_t k = 0; k < frames_.size(); ++k) {
-    if (!frames_[k]) continue;
-    Value v = Value::object();
-    v.set("pattern", k / job_.exposures).set("exposure", k % job_.exposures).set("file", frames_[k]->file);
-    frames.append(v.set("sha256", frames_[k]->sha256).set("time", frames_[k]->time));
-  }
   Value out = Value::object();
   out.set("schema", kSchema).set("schema_version", kVersion);
   out.set("capture", identity_of(job_.info, job_.exposures)).set("exposures_ms", Value::numbers(job_.exposures_ms));
-  write_atomically(partial_ / kStateFile, to_json(out.set("frames", std::move(frames))));
+  write_atomically(partial_ / kStateFile, to_json(out));
 }
 
 void PartialCapture::set_exposures_ms(std::vector<double> exposures_ms) {
@@ -128,12 +139,19 @@ int PartialCapture::frames_there() const {
   return static_cast<int>(std::count_if(frames_.begin(), frames_.end(), [](const auto& f) { return f.has_value(); }));
 }
 
-void PartialCapture::save(std::size_t pattern, std::size_t exposure, const GrayImage& image) {
-  const std::string bytes = encode_png(image);
-  const std::string file = file_name(pattern, exposure);
-  write_atomically(partial_ / file, bytes);
-  frames_[index(pattern, exposure)] = Saved{file, sha256_hex(bytes), utc_now()};
-  write_state();
+void PartialCapture::save(std::size_t pattern, std::size_t exposure, GrayImage image) {
+  settle();
+  writing_index_ = index(pattern, exposure);
+  writing_ = std::async(std::launch::async,
+                        [folder = partial_, file = file_name(pattern, exposure), frame = std::move(image)] {
+                          const std::string bytes = encode_png(frame);
+                          write_atomically(folder / file, bytes);
+                          return Saved{file, sha256_hex(bytes)};
+                        });
+}
+
+void PartialCapture::settle() {
+  if (writing_.valid()) frames_[writing_index_] = writing_.get();
 }
 
 void PartialCapture::merge(CaptureInfo& info) const {
@@ -155,14 +173,17 @@ void PartialCapture::merge(CaptureInfo& info) const {
 }
 
 void PartialCapture::finish(const CaptureInfo& given) {
+  settle();
   require(frames_there() == frames_wanted(), "a capture is finished when all its frames are there");
   CaptureInfo info = given;
   info.exposure_ms = *std::min_element(job_.exposures_ms.begin(), job_.exposures_ms.end());
   info.frames.clear();
   for (std::size_t k = 0; k < info.plan.patterns.size(); ++k) {
     const Saved& saved = *frames_[index(k, 0)];
-    info.frames.push_back(
-        {.file = saved.file, .pattern = info.plan.patterns[k], .sha256 = saved.sha256, .time = saved.time});
+    info.frames.push_back({.file = saved.file,
+                           .pattern = info.plan.patterns[k],
+                           .sha256 = saved.sha256,
+                           .time = time_of(partial_ / saved.file)});
   }
   if (job_.exposures > 1) return merge(info);
   // Hard links: the frames stay in the partial folder until the capture stands under its name, so an interruption here
@@ -173,8 +194,9 @@ void PartialCapture::finish(const CaptureInfo& given) {
     fs::create_hard_link(partial_ / frame.file, transaction.working() / frame.file, error);
     if (error) fs::copy_file(partial_ / frame.file, transaction.working() / frame.file, error);
     if (error) {
-      throw EnvironmentError(fmt::format("{}: cannot be copied into the capture ({}); free space and repeat the command",
-                                         (partial_ / frame.file).string(), error.message()));
+      throw EnvironmentError(
+          fmt::format("{}: cannot be copied into the capture ({}); free space and repeat the command",
+                      (partial_ / frame.file).string(), error.message()));
     }
   }
   write_capture_info(transaction.working(), info);

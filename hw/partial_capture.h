@@ -1,11 +1,16 @@
-// PartialCapture: a capture that is not finished, in the folder NAME.partial beside the capture's own: every frame is on
-// disk as soon as it is taken, partial.json says which (schema "fringecal.partial_capture", version 1). A run that ends
-// early is continued from it; a frame whose image is whole (SHA-256) is never captured again.
+// PartialCapture: a capture that is not finished, in the folder NAME.partial beside the capture's own: every frame is
+// on disk, under the name it will have in the capture, as soon as it is taken; partial.json says of which capture they
+// are (schema "fringecal.partial_capture", version 1). A run that ends early is continued from there: a frame whose
+// image is there and whole (size, depth, the image file's own check sums) is never captured again.
+//
+// Encoding and writing one frame runs beside the capture of the next; save() waits for the frame before. At most one
+// frame is therefore in memory only.
 #pragma once
 
 #include "core/capture.h"
 
 #include <filesystem>
+#include <future>
 #include <optional>
 #include <string>
 #include <vector>
@@ -35,24 +40,30 @@ class PartialCapture {
   int frames_wanted() const { return static_cast<int>(frames_.size()); }
   const std::filesystem::path& folder() const { return partial_; }
 
-  void save(std::size_t pattern, std::size_t exposure, const GrayImage& image);
+  /// Throws EnvironmentError where the frame *before* could not be written.
+  void save(std::size_t pattern, std::size_t exposure, GrayImage image);
+  /// Waits until every frame is on disk. Throws EnvironmentError.
+  void settle();
   /// All frames are there: makes the capture of them, under its own name. The temperatures and devices are those of
   /// `info`.
   void finish(const CaptureInfo& info);
 
  private:
   struct Saved {
-    std::string file, sha256, time;
+    std::string file, sha256;
   };
   std::size_t index(std::size_t pattern, std::size_t exposure) const { return pattern * job_.exposures + exposure; }
   std::string file_name(std::size_t pattern, std::size_t exposure) const;
   void take_up();
+  void find_frames();
   void write_state() const;
   void merge(CaptureInfo& info) const;
 
   std::filesystem::path folder_, partial_;
   Job job_;
   std::vector<std::optional<Saved>> frames_;  // index()
+  std::future<Saved> writing_;
+  std::size_t writing_index_ = 0;
 };
 
 }  // namespace fringecal::hw

@@ -14,12 +14,18 @@ namespace {
 
 std::string words_of(PlcCommand command, std::uint16_t target) {
   switch (command) {
-    case PlcCommand::none: return "no command";
-    case PlcCommand::home: return "homing";
-    case PlcCommand::move_to_pattern: return fmt::format("moving to pattern {}", target);
-    case PlcCommand::park: return "parking";
-    case PlcCommand::stop: return "stopping";
-    case PlcCommand::clear_fault: return "clearing the fault";
+    case PlcCommand::none:
+      return "no command";
+    case PlcCommand::home:
+      return "homing";
+    case PlcCommand::move_to_pattern:
+      return fmt::format("moving to pattern {}", target);
+    case PlcCommand::park:
+      return "parking";
+    case PlcCommand::stop:
+      return "stopping";
+    case PlcCommand::clear_fault:
+      return "clearing the fault";
   }
   return fmt::format("command {}", static_cast<int>(command));
 }
@@ -114,7 +120,8 @@ bool RegisterPlc::is_virtual() {
 
 void RegisterPlc::require_virtual(const std::string& operation) {
   if (!is_virtual()) {
-    throw PlcFault(fmt::format("{}: {} was refused: this is a real scanner (DT13 is 0), do it by hand", name_, operation));
+    throw PlcFault(
+        fmt::format("{}: {} was refused: this is a real scanner (DT13 is 0), do it by hand", name_, operation));
   }
 }
 

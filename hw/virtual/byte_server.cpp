@@ -170,7 +170,8 @@ std::unique_ptr<ByteServer> ByteServer::on_tcp(const std::string& host, int port
 
 std::unique_ptr<ByteServer> ByteServer::on_pty(const std::string& link, Protocol protocol) {
   const auto fail = [&](const std::string& operation, const std::string& cause) {
-    throw EnvironmentError(fmt::format("{}: {} failed ({})", link.empty() ? "pseudo-terminal" : link, operation, cause));
+    throw EnvironmentError(
+        fmt::format("{}: {} failed ({})", link.empty() ? "pseudo-terminal" : link, operation, cause));
   };
   auto state = std::make_unique<State>();
   state->protocol = std::move(protocol);

@@ -24,8 +24,8 @@ constexpr const char* kDataError = "!61";
 std::string answer_registers(PlcCore& core, const std::string& command) {
   const bool reading = command.starts_with("RD");
   if (command.size() < 3 || command[2] != 'D') return kParameterError;
-  if (command.size() < 13 || !std::all_of(command.begin() + 3, command.begin() + 13,
-                                          [](unsigned char c) { return std::isdigit(c) != 0; })) {
+  if (command.size() < 13 ||
+      !std::all_of(command.begin() + 3, command.begin() + 13, [](unsigned char c) { return std::isdigit(c) != 0; })) {
     return kDataError;
   }
   const int first = std::stoi(command.substr(3, 5)), last = std::stoi(command.substr(8, 5));
@@ -96,8 +96,8 @@ std::string answer_mewtocol(PlcCore& core, const std::string& command) {
 }
 
 std::unique_ptr<ByteServer> serve_mewtocol(PlcCore& core, int station, const std::string& link) {
-  return ByteServer::on_pty(
-      link, [&core, station](std::string& received) { return answer_frame(core, station, received); });
+  return ByteServer::on_pty(link,
+                            [&core, station](std::string& received) { return answer_frame(core, station, received); });
 }
 
 }  // namespace fringecal::virt

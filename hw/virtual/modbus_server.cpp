@@ -141,8 +141,7 @@ std::unique_ptr<ByteServer> serve_modbus_tcp(PlcCore& core, const std::string& h
 }
 
 std::unique_ptr<ByteServer> serve_modbus_rtu(PlcCore& core, int slave, const std::string& link) {
-  return ByteServer::on_pty(link,
-                            [&core, slave](std::string& received) { return answer_rtu(core, slave, received); });
+  return ByteServer::on_pty(link, [&core, slave](std::string& received) { return answer_rtu(core, slave, received); });
 }
 
 }  // namespace fringecal::virt

@@ -1,6 +1,5 @@
 // The virtual PLC as a Modbus TCP server and as a Modbus RTU slave on a pseudo-terminal. Written from the protocol's
-// specification [Modbus Application Protocol V1.1b; Modbus over Serial Line V1.02], not with the client's library, so
-// that the two do not share a mistake.
+// specification [Modbus], not with the client's library, so that the two do not share a mistake.
 //
 //   TCP: transaction (2 bytes), protocol 0 (2), length (2), unit (1), PDU
 //   RTU: slave (1), PDU, CRC-16 low byte first (polynomial 0xA001 reflected, start 0xFFFF)                     (1)

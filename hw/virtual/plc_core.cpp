@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 namespace fringecal::virt {
@@ -89,27 +90,44 @@ std::uint16_t PlcCore::value_of(std::uint16_t address, TimePoint now) const {
     return static_cast<std::uint16_t>(static_cast<std::int16_t>(std::lround(100 * degC)));
   };
   const std::uint16_t warm_up = written_[dt::kWarmUp];
-  const double rise =
-      warm_up == hw::kWarmedUp ? kWarmUp_degC : kWarmUp_degC * (1 - std::exp(-warm_up / kWarmUp_min));
+  const double rise = warm_up == hw::kWarmedUp ? kWarmUp_degC : kWarmUp_degC * (1 - std::exp(-warm_up / kWarmUp_min));
   switch (address) {
-    case dt::kMapVersion: return hw::kPlcMapVersion;
-    case dt::kState: return static_cast<std::uint16_t>(state_);
-    case dt::kFaultCode: return static_cast<std::uint16_t>(fault_);
-    case dt::kSequenceDone: return sequence_done_;
-    case dt::kPosition: return hw::low_word(position);
-    case dt::kPosition + 1: return hw::high_word(position);
-    case dt::kPattern: return pattern_ ? static_cast<std::uint16_t>(*pattern_) : hw::kNoPattern;
-    case dt::kLampOn: return lamp_on_;
-    case dt::kDoorClosed: return door_closed_;
-    case dt::kTemperature: return hundredths(options_.room_degC + rise);
-    case dt::kTemperatureRoom: return hundredths(options_.room_degC);
-    case dt::kPatterns: return static_cast<std::uint16_t>(options_.patterns);
-    case dt::kWatchdogLimit: return static_cast<std::uint16_t>(options_.watchdog.count());
-    case dt::kIsVirtual: return 1;
-    case dt::kAdjusterDone: return adjuster_done_;
-    case dt::kAdjusterTotal: return hw::low_word(adjuster_total_nrad_);
-    case dt::kAdjusterTotal + 1: return hw::high_word(adjuster_total_nrad_);
-    default: return written_[address];
+    case dt::kMapVersion:
+      return hw::kPlcMapVersion;
+    case dt::kState:
+      return static_cast<std::uint16_t>(state_);
+    case dt::kFaultCode:
+      return static_cast<std::uint16_t>(fault_);
+    case dt::kSequenceDone:
+      return sequence_done_;
+    case dt::kPosition:
+      return hw::low_word(position);
+    case dt::kPosition + 1:
+      return hw::high_word(position);
+    case dt::kPattern:
+      return pattern_ ? static_cast<std::uint16_t>(*pattern_) : hw::kNoPattern;
+    case dt::kLampOn:
+      return lamp_on_;
+    case dt::kDoorClosed:
+      return door_closed_;
+    case dt::kTemperature:
+      return hundredths(options_.room_degC + rise);
+    case dt::kTemperatureRoom:
+      return hundredths(options_.room_degC);
+    case dt::kPatterns:
+      return static_cast<std::uint16_t>(options_.patterns);
+    case dt::kWatchdogLimit:
+      return static_cast<std::uint16_t>(options_.watchdog.count());
+    case dt::kIsVirtual:
+      return 1;
+    case dt::kAdjusterDone:
+      return adjuster_done_;
+    case dt::kAdjusterTotal:
+      return hw::low_word(adjuster_total_nrad_);
+    case dt::kAdjusterTotal + 1:
+      return hw::high_word(adjuster_total_nrad_);
+    default:
+      return written_[address];
   }
 }
 
@@ -123,7 +141,8 @@ void PlcCore::start(PlcCommand command, std::uint16_t sequence, int target, Time
   }
   if (state_ == PlcState::fault) return;
   switch (command) {
-    case PlcCommand::none: break;
+    case PlcCommand::none:
+      break;
     case PlcCommand::home:
       homed_ = false;
       start_motion({.command = command, .sequence = sequence, .to_um = 0}, options_.homing, now);
@@ -136,8 +155,8 @@ void PlcCore::start(PlcCommand command, std::uint16_t sequence, int target, Time
       const double pitch_um = 1000 * options_.pitch_mm;
       const double to_um = park ? 0 : kFirstPattern_um + target * pitch_um;
       const double pitches = std::abs(to_um - position_um(now)) / pitch_um;
-      const auto duration = std::chrono::milliseconds(
-          std::lround(pitches * static_cast<double>(options_.per_pattern.count())));
+      const auto duration =
+          std::chrono::milliseconds(std::lround(pitches * static_cast<double>(options_.per_pattern.count())));
       start_motion({.command = command,
                     .sequence = sequence,
                     .pattern = park ? std::nullopt : std::optional(target),
@@ -151,7 +170,8 @@ void PlcCore::start(PlcCommand command, std::uint16_t sequence, int target, Time
       state_ = PlcState::idle;
       sequence_done_ = sequence;
       return;
-    default: break;
+    default:
+      break;
   }
   fail(PlcFaultCode::no_such_command, now);
 }
@@ -271,8 +291,8 @@ ScannerSnapshot PlcCore::snapshot() {
   }
   const std::uint16_t scene = out.selection.scene;
   if (scene < hw::kSceneNames.size()) {
-    out.scene_name = scene == 0 ? std::string(hw::kSceneNames[0])
-                                : fmt::format("{} {}", hw::kSceneNames[scene], out.selection.pose);
+    out.scene_name =
+        scene == 0 ? std::string(hw::kSceneNames[0]) : fmt::format("{} {}", hw::kSceneNames[scene], out.selection.pose);
   }
   return out;
 }

@@ -1,6 +1,6 @@
-// PlcCore: what the virtual scanner's PLC does, without the wire: registers (hw/plc_map.md), stage, lamp, door, watchdog,
-// adjuster, scene selection, and the faults that can be injected. The servers (modbus_server.h, mewtocol_server.h) put
-// it on a wire, the virtual camera asks snapshot(). Safe to call from several threads.
+// PlcCore: what the virtual scanner's PLC does, without the wire: registers (hw/plc_map.md), stage, lamp, door,
+// watchdog, adjuster, scene selection, and the faults that can be injected. The servers (modbus_server.h,
+// mewtocol_server.h) put it on a wire, the virtual camera asks snapshot(). Safe to call from several threads.
 //
 // The stage moves at constant speed. Home and park are at 0; pattern k stands at 20 mm + k pitch. All times come from
 // the clock that is handed over; what happened since the last call is worked off in order of time at the next one.
@@ -24,11 +24,11 @@ namespace fringecal::virt {
 struct PlcCoreOptions {
   int patterns = 11;
   double pitch_mm = 12.0;
-  std::chrono::milliseconds per_pattern{0};       // motion time for one pitch; 0 = instant
-  std::chrono::milliseconds homing{0};            // duration of homing
-  std::chrono::milliseconds watchdog{2000};       // long enough for a client that reads out a large camera
-  std::chrono::milliseconds motion_limit{5000};   // of the PLC's own supervision (fault 2)
-  std::chrono::milliseconds jam_detection{200};   // the drive is on without motion (fault 1)
+  std::chrono::milliseconds per_pattern{0};      // motion time for one pitch; 0 = instant
+  std::chrono::milliseconds homing{0};           // duration of homing
+  std::chrono::milliseconds watchdog{2000};      // long enough for a client that reads out a large camera
+  std::chrono::milliseconds motion_limit{5000};  // of the PLC's own supervision (fault 2)
+  std::chrono::milliseconds jam_detection{200};  // the drive is on without motion (fault 1)
   double room_degC = 20.0;
 };
 
@@ -45,7 +45,7 @@ struct AnswerFault {
   int answers = 0;                     // how many of them
   std::chrono::milliseconds delay{0};  // sent so much later
   bool silent = false;                 // executed, never answered
-  int refusal = 0;                     // not executed, refused: a Modbus exception code; as MEWTOCOL error it is 53, busy
+  int refusal = 0;  // not executed, refused: a Modbus exception code; as MEWTOCOL error it is 53, busy
 };
 
 /// What the virtual camera sees.

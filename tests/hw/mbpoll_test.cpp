@@ -1,6 +1,6 @@
 // An independent client, Debian's mbpoll, reads and writes the virtual PLC's registers over TCP and RTU.
-#include "hw/virtual/modbus_server.h"
 #include "hw/plc_map.h"
+#include "hw/virtual/modbus_server.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -35,7 +35,8 @@ Outcome run(const std::string& command) {
 class Mbpoll : public testing::Test {
  protected:
   void SetUp() override {
-    if (std::system("command -v mbpoll >/dev/null") != 0) GTEST_SKIP() << "mbpoll is not installed: apt-get install mbpoll";
+    if (std::system("command -v mbpoll >/dev/null") != 0)
+      GTEST_SKIP() << "mbpoll is not installed: apt-get install mbpoll";
   }
   PlcCore core_;
 };

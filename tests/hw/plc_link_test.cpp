@@ -2,7 +2,9 @@
 // for Modbus TCP, Modbus RTU and MEWTOCOL-COM, with every fault of the line injected.
 #include "hw/open_plc.h"
 
+#include "core/capture.h"
 #include "core/error.h"
+#include "hw/capture_sequence.h"
 #include "hw/mewtocol.h"
 #include "hw/mewtocol_plc.h"
 #include "hw/virtual/mewtocol_server.h"
@@ -185,6 +187,75 @@ TEST_P(PlcLink, AnswersNobodyReadsDoNotReachTheNextClient) {
   EXPECT_EQ(plc->late_answers(), 0);
 }
 
+/// Real time, with a look-in whenever somebody waits.
+class HookedClock : public SystemClock {
+ public:
+  void sleep_for(std::chrono::microseconds duration) override {
+    if (hook) hook();
+    SystemClock::sleep_for(duration);
+  }
+  std::function<void()> hook;
+};
+
+TEST_P(PlcLink, ACaptureSurvivesThePlcsRestartInTheMiddleOfAMove) {
+  const virt::PlcCoreOptions moving{.patterns = 5, .per_pattern = 15ms, .homing = 10ms};
+  server_.reset();
+  core_ = std::make_unique<PlcCore>(moving);
+  serve();
+  const auto plc = open_plc(address_, kLink);
+  test::FakeCamera camera(*core_);
+  HookedClock clock;
+  CaptureOptions options;
+  options.folder = folder_.path / "stack";
+  options.plan.x = FringeCode{.gray_bits = 1, .phase_steps = 4};
+  options.plan.patterns.push_back({.kind = PatternKind::gray});
+  for (int k = 0; k < 4; ++k) options.plan.patterns.push_back({.kind = PatternKind::phase, .index = k});
+  options.exposure_ms = 1.5;
+  options.reopen_pause = 40ms;
+  int waits_without_plc = 0;
+  bool killed = false;
+  clock.hook = [&] {
+    if (!killed && camera.triggers == 2 && !core_->snapshot().settled) {
+      killed = true;
+      server_.reset();
+    } else if (killed && !server_ && ++waits_without_plc > 4) {
+      core_ = std::make_unique<PlcCore>(moving);  // neither homed nor lit
+      camera.use(*core_);
+      serve();
+    }
+  };
+  CaptureSequence sequence(camera, *plc, clock, options);
+  const CaptureReport report = sequence.run();
+  EXPECT_TRUE(killed);
+  EXPECT_EQ(report.plc_reopened, 1);
+  EXPECT_GE(report.events.size(), 1u);
+  EXPECT_THAT(camera.taken, testing::ElementsAre(0, 1, 2, 3, 4)) << "no finished frame again";
+  const PlcStatus end = plc->status();
+  EXPECT_FALSE(end.lamp_on);
+  EXPECT_EQ(end.position_um, 0);
+  EXPECT_EQ(read_capture(options.folder).frames.size(), 5u);
+}
+
+TEST_P(PlcLink, ACaptureSurvivesLateAndLostAnswers) {
+  const auto plc = open_plc(address_, kLink);
+  test::FakeCamera camera(*core_);
+  SystemClock clock;
+  CaptureOptions options;
+  options.folder = folder_.path / "stack";
+  options.plan.x = FringeCode{.gray_bits = 0, .phase_steps = 3};
+  for (int k = 0; k < 3; ++k) options.plan.patterns.push_back({.kind = PatternKind::phase, .index = k});
+  options.exposure_ms = 1.5;
+  camera.on_trigger = [&](int trigger) {
+    if (trigger == 1) core_->plan_answers({.answers = 1, .delay = 90ms});
+    if (trigger == 2) core_->plan_answers({.answers = 1, .silent = true});
+  };
+  CaptureSequence sequence(camera, *plc, clock, options);
+  const CaptureReport report = sequence.run();
+  EXPECT_EQ(plc->late_answers(), 2);
+  EXPECT_EQ(report.plc_reopened, 0);
+  EXPECT_THAT(camera.taken, testing::ElementsAre(0, 1, 2));
+}
+
 TEST(ModbusTcp, TwoClientsAreServedAtOnce) {
   PlcCore core;
   const auto server = virt::serve_modbus_tcp(core);
@@ -206,7 +277,8 @@ TEST(ModbusTcp, ServersStandSideBySideAndATakenPortIsSaid) {
   }
 }
 
-// Reference: the CRC of 01 04 02 FF FF is B8 80 on the wire (Modbus over Serial Line, worked example of the literature).
+// Reference: the CRC of 01 04 02 FF FF is B8 80 on the wire (Modbus over Serial Line, worked example of the
+// literature).
 TEST(ModbusRtu, TheCheckSumIsThatOfTheSpecification) {
   EXPECT_EQ(virt::modbus_crc(std::string_view("\x01\x04\x02\xFF\xFF", 5)), 0x80B8);
 }

@@ -6,12 +6,12 @@
 #include "hw/register_plc.h"
 #include "hw/virtual/plc_core.h"
 
+#include <unistd.h>
 #include <atomic>
 #include <filesystem>
 #include <functional>
 #include <map>
 #include <string>
-#include <unistd.h>
 #include <vector>
 
 namespace fringecal::hw::test {
@@ -56,8 +56,8 @@ class CorePlc : public RegisterPlc {
   virt::PlcCore* core_;
 };
 
-/// Sees what stands in the light path: grey level = offset of the pattern + 100 (lit) per ms of exposure, in the left
-/// half; a tenth of it in the right half.
+/// Sees what stands in the light path: grey level = number of the pattern + 100 (lit) per ms of exposure in the left
+/// half; in the right half a tenth of that, halved in every second pair of patterns.
 class FakeCamera : public Camera {
  public:
   explicit FakeCamera(virt::PlcCore& core) : core_(&core) {}
@@ -74,7 +74,8 @@ class FakeCamera : public Camera {
     Image8 image(kWidth, kHeight);
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {
-        const double level = seen.pattern.value_or(0) + (x < kWidth / 2 ? light : light / 10);
+        const int k = seen.pattern.value_or(0);
+        const double level = k + (x < kWidth / 2 ? light : k % 4 < 2 ? light / 10 : light / 20);
         image(x, y) = static_cast<std::uint8_t>(std::min(255.0, level));
       }
     }
