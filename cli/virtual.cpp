@@ -29,7 +29,8 @@ namespace {
 constexpr const char* kStateSchema = "fringecal.virtual-state";
 
 struct Options {
-  std::string preset = "chen2008", address = "127.0.0.1", state_file, frame_log, scanner_file, truth_file, scene = "alignment";
+  std::string preset = "chen2008", address = "127.0.0.1", state_file, frame_log, scanner_file, truth_file,
+              scene = "alignment";
   std::uint64_t seed = 1, stack_seed = 1;
   std::optional<double> theta_mrad;
   int bits = 8, plc_port = 0, motion_ms = 0, watchdog_ms = 10000;

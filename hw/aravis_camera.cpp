@@ -168,6 +168,7 @@ struct AravisCamera::Connection {
   Owned<ArvStream> stream;
 
  private:
+  CameraStatistics stream_counts() const;
   void open_device(milliseconds takeover_limit);
   void start_stream();
   void trigger();
@@ -181,6 +182,7 @@ struct AravisCamera::Connection {
   static constexpr std::uint64_t first_id_ = 1;
   std::uint64_t last_id_ = 0xFFFF;  // of 16-bit ids; all ones in the extended id mode
   std::uint64_t id_ = 0;            // expected at the last trigger
+  CameraStatistics at_opening_;     // the frame that opening loses is no fault of the network
   bool counted_ = false;            // id_ is known
   bool unanswered_ = false;         // nothing came at the last trigger
 };
@@ -234,6 +236,7 @@ AravisCamera::Connection::Connection(const AravisCameraOptions& o, std::optional
   start_stream();
   // Twice the silence that a frame under way from an earlier client could need on a link that works.
   count_frames(milliseconds(100), o.frame_limit);
+  at_opening_ = stream_counts();
 }
 
 void AravisCamera::Connection::open_device(milliseconds takeover_limit) {
@@ -413,6 +416,16 @@ CameraFrame AravisCamera::Connection::frame_of(ArvBuffer& buffer) const {
 
 CameraStatistics AravisCamera::Connection::statistics() const {
   CameraStatistics out = counts;
+  const CameraStatistics now = stream_counts();
+  out.packets = now.packets - at_opening_.packets;
+  out.missing_packets = now.missing_packets - at_opening_.missing_packets;
+  out.resend_requests = now.resend_requests - at_opening_.resend_requests;
+  out.resent_packets = now.resent_packets - at_opening_.resent_packets;
+  return out;
+}
+
+CameraStatistics AravisCamera::Connection::stream_counts() const {
+  CameraStatistics out;
   const auto info = [&](const char* name) { return arv_stream_get_info_uint64_by_name(stream.get(), name); };
   out.packets = info("n_received_packets");
   out.missing_packets = info("n_missing_packets");

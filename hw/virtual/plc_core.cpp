@@ -202,7 +202,9 @@ PlcCore::TimePoint PlcCore::fault_time(PlcFaultCode code) const {
 
 void PlcCore::advance(TimePoint now) {
   for (;;) {
-    const bool arrives = motion_ && (motion_->fault == StageFault::none || motion_->fault == StageFault::no_echo);
+    const bool waits = motion_ && motion_->pattern && scene_ready_ && !scene_ready_(selection());
+    const bool arrives =
+        motion_ && !waits && (motion_->fault == StageFault::none || motion_->fault == StageFault::no_echo);
     const TimePoint arrival = arrives ? motion_->end : kNever;
     PlcFaultCode code = PlcFaultCode::jam;
     for (const auto other : {PlcFaultCode::position_not_reached, PlcFaultCode::watchdog}) {
@@ -273,6 +275,28 @@ bool PlcCore::write_contact(std::string_view contact, bool on) {
   return write(dt::kLamp, word);
 }
 
+std::string scene_name(const hw::VirtualSelection& selection) {
+  if (selection.scene >= hw::kSceneNames.size()) return "";
+  const std::string_view name = hw::kSceneNames[selection.scene];
+  return selection.scene == 0 ? std::string(name) : fmt::format("{} {}", name, selection.pose);
+}
+
+hw::VirtualSelection PlcCore::selection() const {
+  hw::VirtualSelection out{.scene = written_[dt::kScene],
+                           .pose = written_[dt::kPose],
+                           .stack_seed = 0,
+                           .warm_up_min = written_[dt::kWarmUp]};
+  for (int k = 3; k >= 0; --k) {
+    out.stack_seed = out.stack_seed << 16 | written_[static_cast<std::size_t>(dt::kStackSeed + k)];
+  }
+  return out;
+}
+
+void PlcCore::wait_for_scene(std::function<bool(const hw::VirtualSelection&)> ready) {
+  const std::lock_guard lock(mutex_);
+  scene_ready_ = std::move(ready);
+}
+
 ScannerSnapshot PlcCore::snapshot() {
   const std::lock_guard lock(mutex_);
   advance(clock_.now());
@@ -281,19 +305,9 @@ ScannerSnapshot PlcCore::snapshot() {
                       .lamp_on = lamp_on_,
                       .lamp_level = written_[dt::kLampLevel] / 1000.0,
                       .adjuster_turns_mrad = adjuster_turns_mrad_,
-                      .selection = {.scene = written_[dt::kScene],
-                                    .pose = written_[dt::kPose],
-                                    .stack_seed = 0,
-                                    .warm_up_min = written_[dt::kWarmUp]},
+                      .selection = selection(),
                       .scene_name = ""};
-  for (int k = 3; k >= 0; --k) {
-    out.selection.stack_seed = out.selection.stack_seed << 16 | written_[static_cast<std::size_t>(dt::kStackSeed + k)];
-  }
-  const std::uint16_t scene = out.selection.scene;
-  if (scene < hw::kSceneNames.size()) {
-    out.scene_name =
-        scene == 0 ? std::string(hw::kSceneNames[0]) : fmt::format("{} {}", hw::kSceneNames[scene], out.selection.pose);
-  }
+  out.scene_name = scene_name(out.selection);
   return out;
 }
 

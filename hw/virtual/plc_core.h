@@ -12,6 +12,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <mutex>
 #include <optional>
 #include <span>
@@ -56,8 +57,11 @@ struct ScannerSnapshot {
   double lamp_level = 1.0;
   std::vector<double> adjuster_turns_mrad;  // in the order in which they were asked
   hw::VirtualSelection selection;
-  std::string scene_name;  // as VirtualScanner::standard_scene() knows it: "calibration 3"; empty: no such scene
+  std::string scene_name;  // of the selection
 };
+
+/// "calibration 3", as VirtualScanner::standard_scene() knows it; empty: there is no such scene.
+std::string scene_name(const hw::VirtualSelection& selection);
 
 class PlcCore {
  public:
@@ -71,6 +75,10 @@ class PlcCore {
   bool write_contact(std::string_view contact, bool on);
 
   ScannerSnapshot snapshot();
+
+  /// A motion to a pattern ends only where this holds: so a computer that is slow at rendering the selected scene looks
+  /// like a slow stage, not like a camera that does not answer. Called with the core locked; empty: always.
+  void wait_for_scene(std::function<bool(const hw::VirtualSelection&)> ready);
 
   void set_stage_fault(StageFault fault);
   void set_door(bool closed);
@@ -97,6 +105,7 @@ class PlcCore {
   void start(hw::PlcCommand command, std::uint16_t sequence, int target, TimePoint now);
   void start_motion(Motion motion, std::chrono::milliseconds duration, TimePoint now);
   void finish_motion();
+  hw::VirtualSelection selection() const;
   void fail(hw::PlcFaultCode code, TimePoint now);
   void set_lamp(bool on, TimePoint now);
   void watch_from(TimePoint now);
@@ -124,6 +133,7 @@ class PlcCore {
   std::int32_t adjuster_total_nrad_ = 0;
   std::vector<double> adjuster_turns_mrad_;
   int telegrams_ = 0;
+  std::function<bool(const hw::VirtualSelection&)> scene_ready_;
 };
 
 }  // namespace fringecal::virt

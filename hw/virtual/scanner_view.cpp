@@ -3,6 +3,8 @@
 #include "hw/plc_map.h"
 
 #include <chrono>
+#include <string_view>
+#include <utility>
 
 namespace fringecal::virt {
 
@@ -10,9 +12,17 @@ ScannerView::ScannerView(const VirtualScanner& scanner, PlcCore& plc, std::vecto
     : scanner_(scanner),
       plc_(plc),
       earlier_turns_mrad_(std::move(earlier_turns_mrad)),
-      ahead_([this](const std::stop_token& stop) { work_ahead(stop); }) {}
+      dark_(scanner.see({}, {})),
+      ahead_([this](const std::stop_token& stop) { work_ahead(stop); }) {
+  plc_.wait_for_scene([this](const hw::VirtualSelection& selection) {
+    const std::string name = scene_name(selection);
+    const std::lock_guard lock(mutex_);
+    return seen_.second && seen_.first == SceneKey{name, selection.warm_up_min};
+  });
+}
 
 ScannerView::~ScannerView() {
+  plc_.wait_for_scene({});
   ahead_.request_stop();
   changed_.notify_all();
 }
@@ -44,15 +54,24 @@ InstrumentState ScannerView::state_of(const Request& r) const {
 
 InstrumentState ScannerView::state() { return state_of(request(scanner_.camera_data().exposure_ms)); }
 
+Scene ScannerView::scene_of(const std::string& name) const {
+  constexpr std::string_view kCalibration = "calibration ";
+  const bool missing = name.empty() || (name.starts_with(kCalibration) &&
+                                        std::stoi(name.substr(kCalibration.size())) >= scanner_.calibration_scenes());
+  return missing ? Scene{} : scanner_.standard_scene(name);
+}
+
 std::shared_ptr<const SeenScene> ScannerView::seen(const Request& r) {
-  const std::lock_guard lock(seeing_);
-  // Without light every scene looks the same; whichever is there will do.
-  if (seen_ && (!r.pattern || (seen_scene_ == r.scene && seen_warm_up_min_ == r.warm_up_min))) return seen_;
-  const bool empty = r.scene.empty() || !r.pattern;
-  seen_ = scanner_.see(empty ? Scene{} : scanner_.standard_scene(r.scene), state_of(r));
-  seen_scene_ = empty ? "" : r.scene;
-  seen_warm_up_min_ = r.warm_up_min;
-  return seen_;
+  if (!r.pattern) return dark_;
+  const std::lock_guard one(seeing_);
+  {
+    const std::lock_guard lock(mutex_);
+    if (seen_.second && seen_.first == key_of(r)) return seen_.second;
+  }
+  auto fresh = scanner_.see(scene_of(r.scene), state_of(r));
+  const std::lock_guard lock(mutex_);
+  seen_ = {key_of(r), fresh};
+  return fresh;
 }
 
 GrayImage ScannerView::render(const Request& r) {
@@ -97,7 +116,6 @@ void ScannerView::work_ahead(const std::stop_token& stop) {
     }
     lock.unlock();
     Request r = request(scanner_.camera_data().exposure_ms);
-    if (r.scene.empty()) continue;
     r.pattern = 0;  // any; the geometry does not depend on it
     seen(r);
   }

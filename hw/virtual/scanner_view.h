@@ -8,8 +8,9 @@
 // same bytes, and at the data sheet's exposure those of VirtualScanner::capture().
 //
 // The geometry of a scene takes longer than a picture. A thread of its own looks at the registers and computes it as
-// soon as a scene is selected, and the picture of the next pattern while the last one is under way. That changes when
-// things are computed, not what.
+// soon as a scene is selected, and the picture of the next pattern while the last one is under way; the stage does not
+// arrive before the scene is there. That changes when things are computed, not what.
+// A scene that the instrument does not have (calibration 99) is an empty one.
 #pragma once
 
 #include "core/image.h"
@@ -51,6 +52,7 @@ class ScannerView {
   Request request(double exposure_ms);
   InstrumentState state_of(const Request& r) const;
   std::shared_ptr<const SeenScene> seen(const Request& r);
+  Scene scene_of(const std::string& name) const;
   GrayImage render(const Request& r);
   void work_ahead(const std::stop_token& stop);
 
@@ -58,12 +60,15 @@ class ScannerView {
   PlcCore& plc_;
   std::vector<double> earlier_turns_mrad_;
 
-  std::mutex seeing_;  // one scene is computed at a time
-  std::string seen_scene_;
-  std::uint16_t seen_warm_up_min_ = 0;
-  std::shared_ptr<const SeenScene> seen_;
+  /// What a scene's geometry depends on.
+  using SceneKey = std::pair<std::string, std::uint16_t>;
+  static SceneKey key_of(const Request& r) { return {r.scene, r.warm_up_min}; }
+
+  const std::shared_ptr<const SeenScene> dark_;  // without light every scene looks the same
+  std::mutex seeing_;                            // one scene is computed at a time
 
   std::mutex mutex_;
+  std::pair<SceneKey, std::shared_ptr<const SeenScene>> seen_;
   std::condition_variable_any changed_;
   std::optional<Request> wanted_, under_way_;  // the next picture, by the thread
   std::optional<std::pair<Request, GrayImage>> ready_;
