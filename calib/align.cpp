@@ -31,8 +31,8 @@ double median(std::vector<double> values) {
 
 /// Where along the slide, in pitches, each Gray bit and the wrap of the phase (eq. 3) belong.
 struct Slots {
-  std::vector<double> gray;
-  double phase = 0, sum_w2 = 0;
+  std::vector<double> gray, phase_steps, weights;
+  double phase = 0;
 };
 
 Slots slots_of(const FringeCode& code, const GratingLayout& layout) {
@@ -40,9 +40,9 @@ Slots slots_of(const FringeCode& code, const GratingLayout& layout) {
   for (int b = 0; b < code.gray_bits; ++b) slots.gray.push_back(layout.gray_slots.empty() ? b : layout.gray_slots[b]);
   for (int k = 0; k < code.phase_steps; ++k) {
     const double sine = std::sin(kTwoPi * k / code.phase_steps);
-    const double w = 2.0 / code.phase_steps * sine * sine;  // eq. 3
-    slots.phase += w * (layout.phase_slots.empty() ? code.gray_bits + k : layout.phase_slots[k]);
-    slots.sum_w2 += w * w;
+    slots.weights.push_back(2.0 / code.phase_steps * sine * sine);  // eq. 3
+    slots.phase_steps.push_back(layout.phase_slots.empty() ? code.gray_bits + k : layout.phase_slots[k]);
+    slots.phase += slots.weights.back() * slots.phase_steps.back();
   }
   return slots;
 }
@@ -202,32 +202,49 @@ struct AngleFit {
   Uncertain theta;
   double chi2_per_dof = 0;
   int dof = 0;
-  std::vector<double> normalised;  // residuals of the bits
 };
 
-/// Eq. 4 by generalised least squares, o with its prior.
-AngleFit fit_angle(const std::vector<Measured>& bits, double u_placement_mm, double u_offset_mm) {
-  Eigen::Matrix2d M = Eigen::Matrix2d::Zero();
-  Eigen::Vector2d r = Eigen::Vector2d::Zero();
-  M(1, 1) = 1.0 / (u_offset_mm * u_offset_mm);
-  for (const auto& m : bits) {
-    const double w = 1.0 / (u_placement_mm * u_placement_mm + m.bit.u_noise_mm * m.bit.u_noise_mm);
-    const Eigen::Vector2d f(m.bit.lever_mm, 1.0);
-    M += w * f * f.transpose();
-    r += w * f * m.bit.delta_mm.value;
+/// Covariance of the deltas of the bits by the patterns' places, mm^2: T cov(e) T^T of eq. 4.
+Eigen::MatrixXd placement_covariance(const std::vector<Measured>& bits, const Slots& slots,
+                                     const GratingLayout& layout) {
+  std::vector<double> place_mm;  // along the slide: the bits used, then the phase steps
+  for (const auto& m : bits) place_mm.push_back(slots.gray[m.bit.bit] * layout.pattern_pitch_mm);
+  for (const double slot : slots.phase_steps) place_mm.push_back(slot * layout.pattern_pitch_mm);
+  const auto [first, last] = std::minmax_element(place_mm.begin(), place_mm.end());
+  const double smooth_mm = std::max((*last - *first) / 3.0, layout.pattern_pitch_mm);
+  const auto n = static_cast<Eigen::Index>(place_mm.size()), n_bits = static_cast<Eigen::Index>(bits.size());
+  Eigen::MatrixXd e(n, n), T = Eigen::MatrixXd::Zero(n_bits, n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    for (Eigen::Index j = 0; j < n; ++j) {
+      const double t = (place_mm[i] - place_mm[j]) / smooth_mm;
+      e(i, j) = layout.straightness_mm * layout.straightness_mm / 7.0 * std::exp(-0.5 * t * t);
+    }
+    e(i, i) += layout.u_placement_mm * layout.u_placement_mm;
   }
-  const Eigen::Matrix2d covariance = M.inverse();
-  const Eigen::Vector2d x = covariance * r;
-  AngleFit fit{.theta = {std::asin(x[0]), std::sqrt(covariance(0, 0))}, .normalised = {}};
-  double chi2 = x[1] * x[1] / (u_offset_mm * u_offset_mm);
-  for (const auto& m : bits) {
-    const double residual =
-        (m.bit.delta_mm.value - m.bit.lever_mm * x[0] - x[1]) / std::hypot(u_placement_mm, m.bit.u_noise_mm);
-    fit.normalised.push_back(residual);
-    chi2 += residual * residual;
+  T.leftCols(n_bits).setIdentity();
+  for (std::size_t k = 0; k < slots.weights.size(); ++k) {
+    T.col(n_bits + static_cast<Eigen::Index>(k)).setConstant(-slots.weights[k]);
   }
-  fit.dof = static_cast<int>(bits.size()) - 1;  // bits and the prior of o against two unknowns
-  fit.chi2_per_dof = fit.dof > 0 ? chi2 / fit.dof : 0.0;
+  return T * e * T.transpose();
+}
+
+/// Eq. 4 by generalised least squares.
+AngleFit fit_angle(const std::vector<Measured>& bits, Eigen::MatrixXd covariance) {
+  const auto n = static_cast<Eigen::Index>(bits.size());
+  Eigen::VectorXd L(n), delta(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const BitMisalignment& bit = bits[static_cast<std::size_t>(i)].bit;
+    L[i] = bit.lever_mm;
+    delta[i] = bit.delta_mm.value;
+    covariance(i, i) += bit.u_noise_mm * bit.u_noise_mm;
+  }
+  const Eigen::LLT<Eigen::MatrixXd> V(covariance);
+  const Eigen::VectorXd weights = V.solve(L);
+  const double information = L.dot(weights), sine = weights.dot(delta) / information;
+  AngleFit fit{.theta = {std::asin(sine), 1.0 / std::sqrt(information)}};
+  const Eigen::VectorXd residual = delta - L * sine;
+  fit.dof = static_cast<int>(n) - 1;
+  fit.chi2_per_dof = fit.dof > 0 ? residual.dot(V.solve(residual)) / fit.dof : 0.0;
   return fit;
 }
 
@@ -321,8 +338,8 @@ Result<Misalignment> measure_misalignment(const Capture& capture, const GratingL
     if (!m.both_kinds) m.bit.u_noise_mm = std::hypot(m.bit.u_noise_mm, u_threshold_mm);
   }
 
-  const double u_offset_mm = layout.u_placement_mm * std::sqrt(slots.sum_w2);
-  AngleFit fit = fit_angle(bits, layout.u_placement_mm, u_offset_mm);
+  const Eigen::MatrixXd covariance = placement_covariance(bits, slots, layout);
+  AngleFit fit = fit_angle(bits, covariance);
   if (bits.size() == 1) {
     result.remarks.push_back(
         "one bit only: what the patterns' placement errors do and what the angle does cannot be told apart");
@@ -336,10 +353,11 @@ Result<Misalignment> measure_misalignment(const Capture& capture, const GratingL
   }
   result.theta_rad = fit.theta;
   result.chi2_per_dof = fit.chi2_per_dof;
-  for (auto& m : bits) {
-    m.bit.delta_mm.u = std::sqrt(m.bit.u_noise_mm * m.bit.u_noise_mm + layout.u_placement_mm * layout.u_placement_mm +
-                                 u_offset_mm * u_offset_mm);
-    result.bits.push_back(m.bit);
+  for (std::size_t i = 0; i < bits.size(); ++i) {
+    BitMisalignment& bit = bits[i].bit;
+    const auto diagonal = static_cast<Eigen::Index>(i);
+    bit.delta_mm.u = std::sqrt(bit.u_noise_mm * bit.u_noise_mm + covariance(diagonal, diagonal));
+    result.bits.push_back(bit);
   }
   std::sort(result.bits.begin(), result.bits.end(), [](const auto& a, const auto& b) { return a.bit > b.bit; });
   const double lever = result.bits.front().lever_mm;

@@ -10,10 +10,12 @@
 //
 // The wrap of N steps sits at the mean slot sum w_k s_k of the phase patterns, w_k = (2/N) sin^2(2 pi k / N)      (3)
 // (four steps: the mean of PS1 and PS3, exact at any angle). With L_b the distance along the slide from bit b to it,
-//   delta_b = L_b sin(theta) + o + e_b,  e_b the placement of the Gray pattern, o that of the phase patterns      (4)
-// is solved for theta and o by generalised least squares. u(e_b) is the prior of GratingLayout, u(o)^2 = sum w_k^2
-// u^2. The scatter of the edges themselves (noise) comes from blocks of rows and is far smaller. Where the bits
-// contradict eq. 4 beyond chance (chi2), u is widened by sqrt(chi2/dof) and a remark says so.
+//   delta_b = L_b sin(theta) + e_b - sum w_k e_k,   e the place of each pattern across the fringes              (4)
+// is solved for theta by generalised least squares. cov(e) = u_place^2 I + (a^2 / 7) exp(-(s_i - s_j)^2 / 2 l^2):
+// independent placement errors, and the slide's path with its straightness a (peak to peak), smooth over l = a third
+// of the travel. All bits share the phase patterns' errors, so no angle is known better than these allow. The scatter
+// of the edges themselves (noise) comes from blocks of rows and is far smaller. Where the bits contradict eq. 4
+// beyond chance (chi2), u is widened by sqrt(chi2/dof) and a remark says so.
 // Fine bits decide first: a coarse bit may be off by more than half a period, so each bit's edges are matched to the
 // wraps that the finer bits' angle predicts; the start is the difference of the two finest bits (one pitch only).
 // u of a single bit's delta contains the placement errors, so that delta_b / L_b is a fair witness of theta.
@@ -31,9 +33,11 @@ namespace fringecal::calib {
 struct GratingLayout {
   double pattern_pitch_mm = 0;  // d along the slide
   /// Slot of each Gray bit and of each phase step along the slide, in pitches. Empty: GC0 .. GC(n-1), PS0 .. PS(N-1).
-  std::vector<int> gray_slots, phase_slots;
+  std::vector<int> gray_slots = {}, phase_slots = {};
   /// Standard uncertainty of one pattern's place across the fringes: lithography 0.2 um and slide 0.3 um together.
   double u_placement_mm = 0.00036;
+  /// Straightness of the slide across the fringes, peak to peak over the travel; 0 for none.
+  double straightness_mm = 0.0005;
 };
 
 struct BitMisalignment {

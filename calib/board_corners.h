@@ -19,8 +19,8 @@ namespace fringecal::calib {
 Result<std::vector<Eigen::Vector2d>> find_chessboard(const Image<float>& image, const model::Board& board);
 
 /// Centres of the circles of a grid, row by row, dark on light or light on dark.
-/// The centre of gravity of a circle's picture is not the picture of its centre: with H the homography from the board and
-/// Q the circle's conic, the ellipse is H^-T Q H^-1, and its centre minus H(centre) is taken off. [Heikkila2000]
+/// The centre of gravity of a circle's picture is not the picture of its centre: with H the homography from the board
+/// and Q the circle's conic, the ellipse is H^-T Q H^-1, and its centre minus H(centre) is taken off. [Heikkila2000]
 Result<std::vector<Eigen::Vector2d>> find_circle_grid(const Image<float>& image, const model::Board& board);
 
 }  // namespace fringecal::calib

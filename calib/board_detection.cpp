@@ -71,7 +71,8 @@ double first_colour(const Image<float>& image, const Places& p, const model::Boa
   int count[2] = {0, 0};
   for (int row = 0; row + 1 < b.rows; ++row) {
     for (int column = 0; column + 1 < b.columns; ++column) {
-      const auto k = static_cast<std::size_t>(row * b.columns + column), below = k + static_cast<std::size_t>(b.columns);
+      const auto k = static_cast<std::size_t>(row * b.columns + column),
+                 below = k + static_cast<std::size_t>(b.columns);
       const Eigen::Vector2d middle = 0.25 * (p[k] + p[k + 1] + p[below] + p[below + 1]);
       const int x = static_cast<int>(std::lround(middle.x())), y = static_cast<int>(std::lround(middle.y()));
       if (!image.contains(x, y)) continue;
@@ -82,15 +83,15 @@ double first_colour(const Image<float>& image, const Places& p, const model::Boa
   return count[0] > 0 && count[1] > 0 ? sum[0] / count[0] - sum[1] / count[1] : 0.0;
 }
 
-/// The order of the header: not mirrored; where the colours tell the two ends of the board apart, square (0, 0) dark; else
-/// columns with the image's x.
+/// The order of the header: not mirrored; where the colours tell the two ends of the board apart, square (0, 0) dark;
+/// else columns with the image's x.
 Places ordered(Places p, const Image<float>& image, const model::Board& board) {
   const auto cross = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); };
   const bool chessboard = board.kind == model::BoardKind::chessboard;
   const bool asymmetric = board.kind == model::BoardKind::asymmetric_circles;
   if (cross(column_direction(p, board), row_direction(p, board)) < 0) {
-    // An asymmetric grid with an odd number of rows keeps its pattern when the rows are counted from the other end; with
-    // columns it never does.
+    // An asymmetric grid with an odd number of rows keeps its pattern when the rows are counted from the other end;
+    // with columns it never does.
     p = turned(p, board, !asymmetric, asymmetric);
   }
   // A half turn maps an asymmetric grid onto itself only with an even number of rows.
@@ -109,9 +110,9 @@ Places ordered(Places p, const Image<float>& image, const model::Board& board) {
   return column_direction(p, board).x() < 0 ? turned(p, board, true, true) : p;
 }
 
-/// Standard deviation of a corner's coordinates from the smoothness of the grid: the pixel as a function of the place on the
-/// board is a homography bent by the lens. Each coordinate is fitted by (quartic in the place) with the projective
-/// denominator of the homography, whose residual scatter is that of the corners. Detection and printing errors together.
+/// Standard deviation of a corner's coordinates from the smoothness of the grid: the pixel as a function of the place
+/// (x, y) on the board is a homography bent by the lens, here (cubic in x, y) / (1 + c x + d y), whose residual scatter
+/// is that of the corners. Detection and printing errors together.
 double grid_scatter_px(const Places& places, const model::Board& board) {
   constexpr int kTerms = 10;  // cubic in two variables
   const auto n = static_cast<Eigen::Index>(places.size());
@@ -126,7 +127,7 @@ double grid_scatter_px(const Places& places, const model::Board& board) {
       b.row(k) = places[static_cast<std::size_t>(k)].transpose();
     }
   }
-  // Projective denominator 1 + c x + d y by alternating with the polynomial; (1 + c x + d y) b = polynomial is linear in all.
+  // (1 + c x + d y) b = polynomial is linear in all unknowns.
   Eigen::MatrixXd joint = Eigen::MatrixXd::Zero(2 * n, 2 * kTerms + 2);
   Eigen::VectorXd right(2 * n);
   const Eigen::RowVector2d middle = b.colwise().mean();
@@ -156,7 +157,8 @@ Result<model::BoardObservation> detect_board(const GrayImage& image, const model
   if (picture.width() < 32 || picture.height() < 32) {
     return unanswerable(fmt::format("an image of {} x {} pixels shows no board", picture.width(), picture.height()));
   }
-  auto found = board.kind == model::BoardKind::chessboard ? find_chessboard(picture, board) : find_circle_grid(picture, board);
+  auto found =
+      board.kind == model::BoardKind::chessboard ? find_chessboard(picture, board) : find_circle_grid(picture, board);
   if (!found) return tl::unexpected(found.error());
   const Places places = ordered(std::move(*found), picture, board);
   const double u_px = grid_scatter_px(places, board);
@@ -197,7 +199,8 @@ Image<float> texture_of(const Capture& capture) {
   return sum;
 }
 
-Result<model::BoardObservation> observe_board(const Capture& capture, const model::Board& board, const std::string& name) {
+Result<model::BoardObservation> observe_board(const Capture& capture, const model::Board& board,
+                                              const std::string& name) {
   const Image<float> texture = texture_of(capture);
   // 16 bit keep the fractions of the mean: the full scale of the camera becomes the full scale of 16 bit.
   Image16 picture(texture.width(), texture.height());
@@ -215,9 +218,10 @@ Result<model::BoardObservation> observe_board(const Capture& capture, const mode
   std::size_t coded = 0;
   for (const auto& c : observation->corners) coded += c.x || c.y ? 1 : 0;
   if (coded < 8) {
-    return unanswerable(fmt::format("the board is seen but only {} of its {} corners have a projector coordinate; light the "
-                                    "board fully and check the exposure",
-                                    coded, observation->corners.size()));
+    return unanswerable(
+        fmt::format("the board is seen but only {} of its {} corners have a projector coordinate; light the "
+                    "board fully and check the exposure",
+                    coded, observation->corners.size()));
   }
   return observation;
 }

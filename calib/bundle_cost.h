@@ -1,12 +1,12 @@
-// The residuals of the joint solve (calibrate.h, eqs. 1 and 2) as templates: T is double or an automatic-differentiation
-// type, so this header needs no solver.
+// The residuals of the joint solve (calibrate.h, eqs. 1 and 2) as templates: T is double or an
+// automatic-differentiation type, so this header needs no solver.
 //
 // The place of a corner on its board, in frame `board`, mm:
 //   X = (1 + s) (x + ex),  Y = (1 + s) (y + ey),  Z = b_x xi^2 + b_y eta^2                                  (1)
-// (x, y) nominal, s the relative error of the pitch, (ex, ey) the printing error of this corner, the same in every pose,
-// b_x and b_y the bow of the board, xi and eta the corner's place from the middle in half sides of the field.
-// A rotation is exp(w) R with R fixed and w the parameter: the perturbation on the left that scanner.h speaks of.
-// Every functor returns false for a point that is not in front of the lens.
+// (x, y) nominal, s the relative error of the pitch, (ex, ey) the printing error of this corner, the same in every
+// pose, b_x and b_y the bow of the board, xi and eta the corner's place from the middle in half sides of the field. A
+// rotation is exp(w) R with R fixed and w the parameter: the perturbation on the left that scanner.h speaks of. Every
+// functor returns false for a point that is not in front of the lens.
 #pragma once
 
 #include "calib/model/camera.h"

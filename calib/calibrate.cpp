@@ -32,7 +32,8 @@ std::string defect_of(const BoardObservation& o, const model::Board& board) {
                          board.rows);
     }
     bool finite = c.pixel.allFinite() && c.u_pixel_px > 0 && std::isfinite(c.u_pixel_px);
-    for (const auto& u : {c.x, c.y}) finite = finite && (!u || (std::isfinite(u->value) && u->u > 0 && std::isfinite(u->u)));
+    for (const auto& u : {c.x, c.y})
+      finite = finite && (!u || (std::isfinite(u->value) && u->u > 0 && std::isfinite(u->u)));
     if (!finite) {
       return fmt::format("{}: corner ({}, {}) has a value or uncertainty that is not finite or not positive", o.name,
                          c.column, c.row);
@@ -44,19 +45,29 @@ std::string defect_of(const BoardObservation& o, const model::Board& board) {
 Bundle bundle_of(std::span<const BoardObservation> observations, const model::Board& board) {
   Bundle b;
   for (int row = 0; row < board.rows; ++row) {
-    for (int column = 0; column < board.columns; ++column) b.targets_mm.push_back(board.corner_mm(column, row).head<2>());
+    for (int column = 0; column < board.columns; ++column)
+      b.targets_mm.push_back(board.corner_mm(column, row).head<2>());
   }
   b.cam_from_board.resize(observations.size());
+  // One uncertainty for all corners: the scatter within a pose is known from a few dozen corners only, and where it is
+  // larger in one pose the board was bent there, which is not noise to be weighted by.
+  double squares = 0;
+  std::size_t count = 0;
+  for (const auto& o : observations) {
+    for (const auto& c : o.corners) squares += c.u_pixel_px * c.u_pixel_px;
+    count += o.corners.size();
+  }
+  const double u_pixel = std::sqrt(squares / static_cast<double>(count));
   for (std::size_t pose = 0; pose < observations.size(); ++pose) {
     for (const auto& c : observations[pose].corners) {
-      b.sights.push_back({static_cast<int>(pose), c.row * board.columns + c.column, c.pixel, c.u_pixel_px, c.x, c.y, true});
+      b.sights.push_back({static_cast<int>(pose), c.row * board.columns + c.column, c.pixel, u_pixel, c.x, c.y, true});
     }
   }
   return b;
 }
 
-/// The set with the lowest Bayesian information criterion, BIC = chi2 + p ln n with the scales of the richest set for all.
-/// `terms` picks the field of the settings that varies. The bundle ends at the solution of the chosen set.
+/// The set with the lowest Bayesian information criterion, BIC = chi2 + p ln n with the scales of the richest set for
+/// all. `terms` picks the field of the settings that varies. The bundle ends at the solution of the chosen set.
 struct Choice {
   DistortionTerms terms = DistortionTerms::radial;
   std::string words;  // the figures, for Scanner.method
@@ -108,8 +119,7 @@ double grid_rms_mm(const Bundle& bundle) {
     for (const Sight& s : bundle.sights) {
       const auto& u = axis == CodeAxis::x ? s.x : s.y;
       if (static_cast<std::size_t>(s.pose) != pose || !s.used || !u) continue;
-      const auto point =
-          model::triangulate(bundle.camera, projector, bundle.proj_from_cam, axis, s.pixel, u->value);
+      const auto point = model::triangulate(bundle.camera, projector, bundle.proj_from_cam, axis, s.pixel, u->value);
       if (!point) continue;
       const Eigen::Vector2d& t = bundle.targets_mm[static_cast<std::size_t>(s.target)];
       measured.push_back(*point);
@@ -142,9 +152,10 @@ double mean_distance_mm(const Bundle& bundle) {
 std::string open_focal_length(const model::ParameterCovariance& covariance, const std::string& name, double f) {
   const double u = covariance.u(name).value_or(0.0);
   if (u <= 0.1 * std::abs(f)) return "";
-  return fmt::format("the poses leave {} open: {:.4g} with a standard uncertainty of {:.2g}; capture the board tilted by 20 "
-                     "to 40 degrees about different axes",
-                     name, f, u);
+  return fmt::format(
+      "the poses leave {} open: {:.4g} with a standard uncertainty of {:.2g}; capture the board tilted by 20 "
+      "to 40 degrees about different axes",
+      name, f, u);
 }
 
 std::vector<model::Prior> priors_of(const SolveSettings& s, CodeAxis main) {
@@ -159,11 +170,22 @@ std::vector<model::Prior> priors_of(const SolveSettings& s, CodeAxis main) {
     out.push_back({"board.bow_mm", 0.0, s.u_bow_mm, "two parabolas over the board's field, across x and y"});
   }
   if (s.u_along_mm > 0) {
-    out.push_back({main == CodeAxis::x ? "proj_from_cam.translation_y_mm" : "proj_from_cam.translation_x_mm", 0.0,
-                   s.u_along_mm,
-                   "the code of one axis does not see the projector's place along the fringes; the pupils are taken as level "
-                   "along them within a tenth of the base line"});
+    out.push_back(
+        {main == CodeAxis::x ? "proj_from_cam.translation_y_mm" : "proj_from_cam.translation_x_mm", 0.0, s.u_along_mm,
+         "the code of one axis does not see the projector's place along the fringes; the pupils are taken as level "
+         "along them within a tenth of the base line"});
   }
+  return out;
+}
+
+/// Two covariances of different parameters, taken as independent.
+model::ParameterCovariance side_by_side(const model::ParameterCovariance& a, const model::ParameterCovariance& b) {
+  model::ParameterCovariance out = a;
+  out.names.insert(out.names.end(), b.names.begin(), b.names.end());
+  const Eigen::Index na = a.covariance.rows(), nb = b.covariance.rows();
+  out.covariance.setZero(na + nb, na + nb);
+  out.covariance.topLeftCorner(na, na) = a.covariance;
+  out.covariance.bottomRightCorner(nb, nb) = b.covariance;
   return out;
 }
 
@@ -173,8 +195,9 @@ void fill_observations(Scanner& scanner, std::span<const BoardObservation> obser
   std::size_t k = 0;
   for (auto& o : scanner.observations) {
     for (auto& c : o.corners) {
-      c.used = bundle.sights[k++].used;
-      c.u_pixel_px *= report.scale_camera;
+      const Sight& sight = bundle.sights[k++];
+      c.used = sight.used;
+      c.u_pixel_px = sight.u_pixel_px * report.scale_camera;
       if (c.x) c.x->u *= report.scale_projector;
       if (c.y) c.y->u *= report.scale_projector;
     }
@@ -190,11 +213,13 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   const bool both = plan.x && plan.y;
   const int needed = std::max(options.min_poses, 3);
   if (static_cast<int>(observations.size()) < needed) {
-    return unanswerable(fmt::format("{} poses of the board; at least {} are needed, 10 to 15 with different tilts are good",
-                                    observations.size(), needed));
+    return unanswerable(
+        fmt::format("{} poses of the board; at least {} are needed, 10 to 15 with different tilts are good",
+                    observations.size(), needed));
   }
   if (!both && options.projector_terms != DistortionTerms::none && options.projector_terms != DistortionTerms::radial) {
-    return unanswerable("a projector coded along one axis shows radial distortion only: projector terms 'none' or 'radial'");
+    return unanswerable(
+        "a projector coded along one axis shows radial distortion only: projector terms 'none' or 'radial'");
   }
   for (const auto& o : observations) {
     if (const std::string defect = defect_of(o, board); !defect.empty()) return unanswerable(defect);
@@ -205,21 +230,27 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   bundle.camera.height_px = height_px;
   if (const auto started = initialise_camera(bundle); !started) return tl::unexpected(started.error());
 
+  const bool staged = options.method == CalibrationMethod::staged;
   SolveSettings settings;
-  settings.u_print_mm = board.u_print_mm;
-  settings.u_pitch_relative = board.u_pitch_relative;
-  std::string method = "joint least squares, autodiff Levenberg-Marquardt, variance components; camera terms ";
+  if (staged) {
+    settings.outliers = Outliers::keep;
+  } else {
+    settings.u_print_mm = board.u_print_mm;
+    settings.u_pitch_relative = board.u_pitch_relative;
+  }
+  std::string method = staged ? "camera alone by plain least squares, then the projector with the camera held"
+                              : "camera and projector jointly, robust least squares with variance components";
+  settings.camera_terms = options.camera_terms;
+  std::string words;
   if (options.camera_terms == DistortionTerms::automatic) {
     auto choice = choose_terms(bundle, settings, &SolveSettings::camera_terms);
     if (!choice) return tl::unexpected(choice.error());
     settings.camera_terms = choice->terms;
-    method += fmt::format("{} ({})", name_of(choice->terms), choice->words);
-  } else {
-    settings.camera_terms = options.camera_terms;
-    const auto alone = solve_bundle(bundle, settings);
-    if (!alone) return tl::unexpected(alone.error());
-    method += name_of(settings.camera_terms);
+    words = fmt::format(" ({})", choice->words);
   }
+  const auto alone = solve_bundle(bundle, settings);
+  if (!alone) return tl::unexpected(alone.error());
+  method += fmt::format("; camera terms {}{}", name_of(settings.camera_terms), words);
 
   bundle.projector.emplace();
   if (plan.x) bundle.projector->x = model::ProjectorAxis{*plan.x, 0, 0};
@@ -227,7 +258,12 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   const CodeAxis main = bundle.projector->main_axis();
   if (const auto started = initialise_projector(bundle); !started) return tl::unexpected(started.error());
   const double diagonal = (bundle.targets_mm.back() - bundle.targets_mm.front()).norm();
-  settings.u_bow_mm = options.u_bow_relative * diagonal;
+  if (staged) {
+    settings.held = Held::camera_and_poses;
+    settings.outliers = Outliers::reject;
+  } else {
+    settings.u_bow_mm = options.u_bow_relative * diagonal;
+  }
   if (!both) settings.u_along_mm = 0.1 * bundle.proj_from_cam.translation_mm.norm();
   method += "; projector terms ";
   if (options.projector_terms == DistortionTerms::automatic) {
@@ -239,12 +275,18 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
     settings.projector_terms = options.projector_terms;
     method += name_of(settings.projector_terms);
   }
-  const auto report = solve_bundle(bundle, settings);
+  auto report = solve_bundle(bundle, settings);
   if (!report) return tl::unexpected(report.error());
+  if (staged) {
+    report->covariance = side_by_side(alone->covariance, report->covariance);
+    report->camera_rms_px = alone->camera_rms_px;
+    report->scale_camera = alone->scale_camera;
+  }
   for (const auto& [name, f] : {std::pair<std::string, double>{"camera.fx_px", bundle.camera.fx_px},
                                 {"projector.x.f", bundle.projector->x ? bundle.projector->x->f : 1.0},
                                 {"projector.y.f", bundle.projector->y ? bundle.projector->y->f : 1.0}}) {
-    if (const std::string open = open_focal_length(report->covariance, name, f); !open.empty()) return unanswerable(open);
+    if (const std::string open = open_focal_length(report->covariance, name, f); !open.empty())
+      return unanswerable(open);
   }
 
   method += fmt::format("; stated u of camera corners times {:.3g}, of projector coordinates times {:.3g}",

@@ -27,12 +27,24 @@ enum class DistortionTerms {
   automatic,          // the set the data support: a richer one only where it lowers the Bayesian information criterion
 };
 
+enum class CalibrationMethod {
+  // All at once, as above.
+  joint,
+  // For comparison with programs that work so: the camera from its own corners by plain least squares, every corner
+  // kept with
+  // the same weight, the board perfect; then the projector with camera and poses held, outliers in u left out. The
+  // covariance
+  // of the projector then leaves out what the camera contributes.
+  staged,
+};
+
 struct CalibrationOptions {
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;  // none or radial where one axis only is coded
+  CalibrationMethod method = CalibrationMethod::joint;
   int min_poses = 3;
-  // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal: printed
-  // and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.
+  // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal:
+  // printed and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.
   double u_bow_relative = 1e-3;
   std::optional<double> pixel_mm = {};             // passed on to the Scanner for the paper's parameters
   std::optional<double> working_distance_mm = {};  // L; by default the boards' mean distance along the projector's axis

@@ -12,8 +12,8 @@
 namespace fringecal::calib {
 namespace {
 
-// The detector's time grows with the area; beyond this width it looks at a smaller copy, and the refinement works on the
-// picture itself.
+// The detector's time grows with the area; beyond this width it looks at a smaller copy, and the refinement works on
+// the picture itself.
 constexpr int kDetectionWidth = 2000;
 
 /// 8 bit by the 0.1 and 99.9 percentiles.
@@ -53,7 +53,8 @@ struct Saddle {
         const T x = T(double(dx)) - p[0], y = T(double(dy)) - p[1];
         const T product = tanh((n1x * x + n1y * y) * sharpness) * tanh((n2x * x + n2y * y) * sharpness);
         const double value = ((*image)(x0 + dx, y0 + dy) - level) / contrast;
-        residual[k++] = p[5] * product + p[6] + (p[7] * T(double(dx)) + p[8] * T(double(dy))) / T(double(half)) - T(value);
+        residual[k++] =
+            p[5] * product + p[6] + (p[7] * T(double(dx)) + p[8] * T(double(dy))) / T(double(half)) - T(value);
       }
     }
     return true;
@@ -123,19 +124,21 @@ Result<std::vector<Eigen::Vector2d>> find_chessboard(const Image<float>& image, 
   std::vector<cv::Point2f> corners;
   bool found = false;
   try {
-    found = cv::findChessboardCorners(picture, pattern, corners,
-                                      cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_FAST_CHECK);
+    found = cv::findChessboardCorners(
+        picture, pattern, corners,
+        cv::CALIB_CB_ADAPTIVE_THRESH | cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_FAST_CHECK);
     if (!found) {
-      found = cv::findChessboardCornersSB(picture, pattern, corners,
-                                          cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE | cv::CALIB_CB_ACCURACY);
+      found = cv::findChessboardCornersSB(
+          picture, pattern, corners, cv::CALIB_CB_NORMALIZE_IMAGE | cv::CALIB_CB_EXHAUSTIVE | cv::CALIB_CB_ACCURACY);
     }
   } catch (const cv::Exception&) {
     found = false;
   }
   if (!found || static_cast<int>(corners.size()) != board.corners()) {
-    return unanswerable(fmt::format("no chessboard of {} x {} inner corners is seen whole; check columns and rows of the "
-                                    "board file, the light and the focus",
-                                    board.columns, board.rows));
+    return unanswerable(
+        fmt::format("no chessboard of {} x {} inner corners is seen whole; check columns and rows of the "
+                    "board file, the light and the focus",
+                    board.columns, board.rows));
   }
   std::vector<Eigen::Vector2d> places;
   // Pixel (0, 0) is a centre in both: a centre x of the small copy lies at (x + 0.5) / shrink - 0.5.

@@ -23,8 +23,8 @@ struct Blob {
 std::vector<Blob> ellipses(const cv::Mat& picture, bool dark) {
   cv::Mat mask, labels, statistics, centroids;
   const int window = (std::max(31, picture.cols / 12)) | 1;
-  cv::adaptiveThreshold(picture, mask, 255, cv::ADAPTIVE_THRESH_MEAN_C, dark ? cv::THRESH_BINARY_INV : cv::THRESH_BINARY,
-                        window, dark ? 8 : -8);
+  cv::adaptiveThreshold(picture, mask, 255, cv::ADAPTIVE_THRESH_MEAN_C,
+                        dark ? cv::THRESH_BINARY_INV : cv::THRESH_BINARY, window, dark ? 8 : -8);
   const int count = cv::connectedComponentsWithStats(mask, labels, statistics, centroids, 8, CV_32S);
   std::vector<Blob> blobs;
   for (int label = 1; label < count; ++label) {
@@ -140,9 +140,10 @@ Result<std::vector<Eigen::Vector2d>> find_circle_grid(const Image<float>& image,
     }
     return places;
   }
-  return unanswerable(fmt::format("no grid of {} x {} circles is seen whole; check kind, columns and rows of the board file, "
-                                  "the light and the focus",
-                                  board.columns, board.rows));
+  return unanswerable(
+      fmt::format("no grid of {} x {} circles is seen whole; check kind, columns and rows of the board file, "
+                  "the light and the focus",
+                  board.columns, board.rows));
 }
 
 }  // namespace fringecal::calib

@@ -2,13 +2,13 @@
 //
 // Without lens distortion a plane board carries pixels to the projector coordinate by
 //   u(p) = (a0 + a . d) / (1 + b . d),  d = p - corner                                                   (1)
-// b is the same for the whole board up to the choice of the origin: it comes from one fit of (1) to the corners of the pose,
-// and each corner then fits a0 and a to its own window, linear in both. The window is a cone-free box of a whole number of
-// periods across the fringes, so what repeats with the period leaves the mean alone. Reweighted by Tukey's function.
+// b is the same for the whole board up to the choice of the origin: it comes from one fit of (1) to the corners of the
+// pose, and each corner then fits a0 and a to its own window, linear in both. The window is a box of one period across
+// the fringes, so what repeats with the period leaves the mean alone. Reweighted by Tukey's function.
 // u(a0) is the standard error from the residual scatter, widened by the residuals' correlation between neighbours: the
-// effective number of pixels of a first-order autoregressive residual is n (1 - r) / (1 + r) per direction. [Bartlett1946]
-// Without phase patterns residuals are those of a staircase, wholly correlated along a stripe: n is then the number of
-// stripes in the window, and the scatter that of a stripe's width, w / sqrt(12).
+// effective number of pixels of a first-order autoregressive residual is n (1 - r) / (1 + r) per direction.
+// [Bartlett1946] Without phase patterns residuals are those of a staircase, wholly correlated along a stripe: n is then
+// the number of stripes in the window, and the scatter that of a stripe's width, w / sqrt(12).
 #include "calib/board_detection.h"
 
 #include <Eigen/Cholesky>
@@ -92,8 +92,6 @@ std::optional<LocalFit> fit_window(const decode::PhaseMap& map, const Eigen::Vec
   Eigen::Matrix3d normal;
   std::vector<double> robust(samples.size(), 1.0), residual(samples.size());
   double scale = 0;
-  // A wrong fringe number is a jump of a period: the first scale must not let it pull the plane, so the start is a median
-  // of the neighbours' differences... which a convergent reweighting from Tukey's wide end does in five steps.
   const double origin = [&] {
     std::vector<double> values;
     for (const Sample& s : samples) values.push_back(s.value);
@@ -179,8 +177,8 @@ double spacing_px(const model::BoardObservation& o, std::size_t k) {
   return nearest;
 }
 
-/// b of eq. 1 for the whole board with the origin in the image's (0, 0), from the corners' values; zero where it cannot be
-/// told. Linear in (a0, a, b): u = a0 + a . p - u b . p.
+/// b of eq. 1 for the whole board with the origin in the image's (0, 0), from the corners' values; zero where it cannot
+/// be told. Linear in (a0, a, b): u = a0 + a . p - u b . p.
 Eigen::Vector2d board_denominator(const std::vector<Eigen::Vector2d>& pixels, const std::vector<double>& values) {
   if (pixels.size() < 12) return Eigen::Vector2d::Zero();
   Eigen::Vector2d middle = Eigen::Vector2d::Zero();
@@ -212,7 +210,8 @@ Eigen::Vector2d board_denominator(const std::vector<Eigen::Vector2d>& pixels, co
     }
     s = normal.ldlt().solve(right);
     std::vector<double> sizes;
-    for (std::size_t k = 0; k < pixels.size(); ++k) sizes.push_back(std::abs((values[k] - mean) / range - rows[k].dot(s)));
+    for (std::size_t k = 0; k < pixels.size(); ++k)
+      sizes.push_back(std::abs((values[k] - mean) / range - rows[k].dot(s)));
     const double scale = std::max(1.4826 * median_of(sizes), 1e-12);
     for (std::size_t k = 0; k < pixels.size(); ++k) robust[k] = sizes[k] < 4 * scale ? 1.0 : 0.0;
   }

@@ -64,7 +64,8 @@ Result<bool> initialise_camera(Bundle& bundle) {
     bool found = false;
     if (views.object[pose].size() >= 4) {
       try {
-        found = cv::solvePnP(views.object[pose], views.image[pose], matrix, cv::noArray(), rotation_vector, translation);
+        found =
+            cv::solvePnP(views.object[pose], views.image[pose], matrix, cv::noArray(), rotation_vector, translation);
       } catch (const cv::Exception&) {
         found = false;
       }
@@ -75,9 +76,10 @@ Result<bool> initialise_camera(Bundle& bundle) {
       t[i] = translation.at<double>(i);
     }
     if (!found || !w.allFinite() || !t.allFinite() || !(t.z() > 0.0)) {
-      return unanswerable(fmt::format("no position of the board explains the corners of pose {}; check the board's "
-                                      "columns, rows and pitch",
-                                      pose + 1));
+      return unanswerable(
+          fmt::format("no position of the board explains the corners of pose {}; check the board's "
+                      "columns, rows and pitch",
+                      pose + 1));
     }
     bundle.cam_from_board[pose] = {rotation_from_vector(w), t};
   }
@@ -112,8 +114,9 @@ Result<bool> initialise_projector(Bundle& bundle) {
   }
   const int unknowns = both ? 12 : 8;
   if (coordinate_count[0] < unknowns || (both && coordinate_count[1] < unknowns)) {
-    return unanswerable(fmt::format("{:.0f} corners have a projector coordinate; at least {} are needed, light the board fully",
-                                    coordinate_count[0], unknowns));
+    return unanswerable(
+        fmt::format("{:.0f} corners have a projector coordinate; at least {} are needed, light the board fully",
+                    coordinate_count[0], unknowns));
   }
   mean /= static_cast<double>(rows.size());
   coordinate_mean = coordinate_mean.cwiseQuotient(coordinate_count.cwiseMax(1));
@@ -186,8 +189,9 @@ Result<bool> initialise_projector(Bundle& bundle) {
     translation = {t_along, t_across, m3[3]};
   }
   if (!rotation.allFinite() || !translation.allFinite() || !(f > 0) || !std::isfinite(u0)) {
-    return unanswerable("the corners do not determine the projector: boards that are parallel, or too alike; capture the "
-                        "board tilted by 20 to 40 degrees about different axes and at different distances");
+    return unanswerable(
+        "the corners do not determine the projector: boards that are parallel, or too alike; capture the "
+        "board tilted by 20 to 40 degrees about different axes and at different distances");
   }
   bundle.proj_from_cam = {Eigen::Quaterniond(rotation).normalized(), translation};
   return true;

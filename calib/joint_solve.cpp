@@ -22,8 +22,8 @@ using bundle::PriorResidual;
 using bundle::ProjectorResidual;
 
 constexpr double kRejectBeyond = 4.0;  // standard deviations: 6e-5 of good components, calibrate.h
-// Readings better than a thousandth of what they state are taken for a thousandth: without a floor, readings without any
-// error would drown the priors in rounding.
+// Readings better than a thousandth of what they state are taken for a thousandth: without a floor, readings without
+// any error would drown the priors in rounding.
 constexpr double kLeastScale = 1e-3;
 
 enum class Group { camera, projector, prior };
@@ -137,12 +137,12 @@ class Problem {
       for (const int component : {0, 1}) {
         const auto& coordinate = component == 0 ? s.x : s.y;
         if (!coordinate || !bundle_.projector->axis(component == 0 ? CodeAxis::x : CodeAxis::y)) continue;
-        problem_->AddResidualBlock(
-            new ceres::AutoDiffCostFunction<ProjectorResidual, 1, 2, 5, 3, 3, 3, 3, 1, 2, 2>(
-                new ProjectorResidual{place, &p_.pose_rotation[pose], &p_.projector_rotation, component,
-                                      coordinate->value, coordinate->u * scales[1]}),
-            loss(), p_.axis[static_cast<std::size_t>(component)].data(), p_.projector_distortion.data(),
-            p_.projector_w.data(), p_.projector_t.data(), w, t, &p_.scale, p_.bow.data(), print);
+        problem_->AddResidualBlock(new ceres::AutoDiffCostFunction<ProjectorResidual, 1, 2, 5, 3, 3, 3, 3, 1, 2, 2>(
+                                       new ProjectorResidual{place, &p_.pose_rotation[pose], &p_.projector_rotation,
+                                                             component, coordinate->value, coordinate->u * scales[1]}),
+                                   loss(), p_.axis[static_cast<std::size_t>(component)].data(),
+                                   p_.projector_distortion.data(), p_.projector_w.data(), p_.projector_t.data(), w, t,
+                                   &p_.scale, p_.bow.data(), print);
         note(Group::projector, k, 1);
       }
     }
@@ -296,8 +296,13 @@ class Problem {
   }
 
   void list_blocks() {
-    block(p_.camera.data(), {"camera.fx_px", "camera.fy_px", "camera.cx_px", "camera.cy_px"}, true, false);
-    block(p_.camera_distortion.data(), distortion_names("camera.", settings_.camera_terms), true, false);
+    const bool held = settings_.held == Held::camera_and_poses;
+    const auto unless_held = [&](std::vector<std::string> names) {
+      if (held) names.assign(names.size(), "");
+      return names;
+    };
+    block(p_.camera.data(), unless_held({"camera.fx_px", "camera.fy_px", "camera.cx_px", "camera.cy_px"}), true, false);
+    block(p_.camera_distortion.data(), unless_held(distortion_names("camera.", settings_.camera_terms)), true, false);
     block(p_.axis[0].data(), {"projector.x.f", "projector.x.u0"}, true, false);
     block(p_.axis[1].data(), {"projector.y.f", "projector.y.u0"}, true, false);
     block(p_.projector_distortion.data(), distortion_names("projector.", settings_.projector_terms), true, false);
@@ -308,9 +313,9 @@ class Problem {
     if (one_axis && !solves_along_) translation[bundle_.projector->x ? 1 : 0].clear();
     block(p_.projector_t.data(), translation, true, false);
     for (std::size_t i = 0; i < p_.pose_w.size(); ++i) {
-      const std::string n = fmt::format("pose {} ", i);
-      block(p_.pose_w[i].data(), {n + "rotation x", n + "rotation y", n + "rotation z"}, false, false);
-      block(p_.pose_t[i].data(), {n + "x", n + "y", n + "z"}, false, false);
+      const std::string n = fmt::format("pose {} ", i + 1);
+      block(p_.pose_w[i].data(), unless_held({n + "rotation x", n + "rotation y", n + "rotation z"}), false, false);
+      block(p_.pose_t[i].data(), unless_held({n + "x", n + "y", n + "z"}), false, false);
     }
     const auto if_prior = [](double u, std::vector<std::string> names) {
       if (!(u > 0)) names.assign(names.size(), "");
@@ -342,13 +347,27 @@ double robust_scale(const std::vector<double>& residuals, const std::vector<Grou
   return sizes.empty() ? 1.0 : std::max(1.4826 * median(std::move(sizes)), 1e-9);
 }
 
-/// Leaves out the sights with a component beyond the limit; returns how many.
+/// Leaves out the sights with a component beyond the limit; returns how many. The standard deviation is the larger of
+/// the whole group's (1, the residuals are whitened) and of the sight's own pose, robustly: a board that was bent or
+/// moved in one pose raises the scatter of that pose, which is no reason to keep only those of its corners that happen
+/// to fit.
 int reject(Bundle& bundle, const Problem& problem, const std::vector<double>& residuals) {
+  const auto slot = [&](std::size_t i) {
+    const auto pose = static_cast<std::size_t>(bundle.sights[problem.owners()[i]].pose);
+    return 2 * pose + (problem.groups()[i] == Group::camera ? 0 : 1);
+  };
+  std::vector<std::vector<double>> sizes(2 * bundle.cam_from_board.size());
+  for (std::size_t i = 0; i < residuals.size(); ++i) {
+    if (problem.groups()[i] != Group::prior) sizes[slot(i)].push_back(std::abs(residuals[i]));
+  }
+  std::vector<double> limit;
+  for (auto& s : sizes)
+    limit.push_back(kRejectBeyond * (s.empty() ? 1.0 : std::max(1.0, 1.4826 * median(std::move(s)))));
   int count = 0;
   for (std::size_t i = 0; i < residuals.size(); ++i) {
     if (problem.groups()[i] == Group::prior) continue;
     Sight& sight = bundle.sights[problem.owners()[i]];
-    if (sight.used && std::abs(residuals[i]) > kRejectBeyond) {
+    if (sight.used && std::abs(residuals[i]) > limit[slot(i)]) {
       sight.used = false;
       ++count;
     }
@@ -362,8 +381,9 @@ Result<Eigen::MatrixXd> inverse_of(const Eigen::MatrixXd& normal, const std::vec
   Eigen::VectorXd scale(n);
   for (Eigen::Index i = 0; i < n; ++i) {
     if (!(normal(i, i) > 0.0)) {
-      return unanswerable(fmt::format("the poses say nothing about {}; capture the board in more, differently tilted poses",
-                                      names[static_cast<std::size_t>(i)]));
+      return unanswerable(
+          fmt::format("the poses say nothing about {}; capture the board in more, differently tilted poses",
+                      names[static_cast<std::size_t>(i)]));
     }
     scale[i] = 1.0 / std::sqrt(normal(i, i));
   }
@@ -374,10 +394,10 @@ Result<Eigen::MatrixXd> inverse_of(const Eigen::MatrixXd& normal, const std::vec
   if (ldlt.info() != Eigen::Success || !(ldlt.vectorD().minCoeff(&worst) > 1e-13)) {
     Eigen::VectorXi order = Eigen::VectorXi::LinSpaced(static_cast<int>(n), 0, static_cast<int>(n) - 1);
     order = ldlt.transpositionsP() * order;
-    return unanswerable(
-        fmt::format("the poses do not determine {}: boards that are parallel, or too alike; capture the board tilted by "
-                    "20 to 40 degrees about different axes",
-                    names[static_cast<std::size_t>(order[worst])]));
+    return unanswerable(fmt::format(
+        "the poses do not determine {}: boards that are parallel, or too alike; capture the board tilted by "
+        "20 to 40 degrees about different axes",
+        names[static_cast<std::size_t>(order[worst])]));
   }
   Eigen::MatrixXd inverse = ldlt.solve(Eigen::MatrixXd::Identity(n, n));
   inverse = scale.asDiagonal() * inverse * scale.asDiagonal();
@@ -390,22 +410,32 @@ Result<Eigen::MatrixXd> inverse_of(const Eigen::MatrixXd& normal, const std::vec
 
 int term_count(DistortionTerms terms) {
   switch (terms) {
-    case DistortionTerms::none: return 0;
-    case DistortionTerms::radial: return 2;
-    case DistortionTerms::radial_tangential: return 4;
-    case DistortionTerms::full: return 5;
-    case DistortionTerms::automatic: break;
+    case DistortionTerms::none:
+      return 0;
+    case DistortionTerms::radial:
+      return 2;
+    case DistortionTerms::radial_tangential:
+      return 4;
+    case DistortionTerms::full:
+      return 5;
+    case DistortionTerms::automatic:
+      break;
   }
   throw std::logic_error("broken contract: 'automatic' is resolved before terms are counted");
 }
 
 const char* name_of(DistortionTerms terms) {
   switch (terms) {
-    case DistortionTerms::none: return "none";
-    case DistortionTerms::radial: return "radial";
-    case DistortionTerms::radial_tangential: return "radial+tangential";
-    case DistortionTerms::full: return "full";
-    case DistortionTerms::automatic: return "auto";
+    case DistortionTerms::none:
+      return "none";
+    case DistortionTerms::radial:
+      return "radial";
+    case DistortionTerms::radial_tangential:
+      return "radial+tangential";
+    case DistortionTerms::full:
+      return "full";
+    case DistortionTerms::automatic:
+      return "auto";
   }
   return "";
 }
@@ -416,8 +446,9 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   Problem problem(bundle, settings);
   problem.load();
   const auto failed = [] {
-    return unanswerable("the joint solve found no camera and projector that explain the corners; look for a pose with a "
-                        "wrong board, a moved board or a moved scanner");
+    return unanswerable(
+        "the joint solve found no camera and projector that explain the corners; look for a pose with a "
+        "wrong board, a moved board or a moved scanner");
   };
   const auto run = [&](const Eigen::Vector2d& scales, double loss, double tolerance) {
     problem.build(scales, loss);
@@ -429,8 +460,13 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   };
 
   Eigen::Vector2d scales = settings.fixed_scales.value_or(Eigen::Vector2d(1, 1));
-  if (!settings.fixed_scales) {
-    // Robust passes. The scale of the loss comes from the residuals themselves; it starts wide, at the start's own misfit.
+  // Rejection never works with a smaller standard deviation than the robust passes found: what is left after each round of
+  // leaving out scatters less, and judged by that the data would be eroded.
+  Eigen::Vector2d robust_scales(0, 0);
+  const bool may_reject = !settings.fixed_scales && settings.outliers == Outliers::reject;
+  if (may_reject) {
+    // Robust passes. The scale of the loss comes from the residuals themselves; it starts wide, at the start's own
+    // misfit.
     for (int pass = 0; pass < 3; ++pass) {
       problem.build(scales, 0);
       const auto at_start = problem.linearise(false);
@@ -445,7 +481,7 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
     if (!after) return failed();
     scales[0] *= robust_scale(after->residuals, problem.groups(), Group::camera);
     scales[1] *= robust_scale(after->residuals, problem.groups(), Group::projector);
-    scales = scales.cwiseMax(kLeastScale);
+    scales = robust_scales = scales.cwiseMax(kLeastScale);
     problem.build(scales, 0);
     const auto whitened = problem.linearise(false);
     if (!whitened) return failed();
@@ -481,16 +517,17 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
       if (!(count[g] > 0)) continue;
       const double redundancy = count[g] - spent[g];
       if (!(redundancy >= 3.0)) {
-        return unanswerable(fmt::format("{:.0f} {} readings leave {:.1f} degrees of freedom; capture more poses", count[g],
-                                        g == 0 ? "camera" : "projector", redundancy));
+        return unanswerable(fmt::format("{:.0f} {} readings leave {:.1f} degrees of freedom; capture more poses",
+                                        count[g], g == 0 ? "camera" : "projector", redundancy));
       }
       factor[g] = std::max(std::sqrt(chi2[g] / redundancy), 1e-9);  // eq. 2
     }
+    const Eigen::Vector2d judged = factor.cwiseMax(robust_scales.cwiseQuotient(scales));
     for (std::size_t i = 0; i < linear.residuals.size(); ++i) {
-      if (problem.groups()[i] == Group::camera) linear.residuals[i] /= factor[0];
-      if (problem.groups()[i] == Group::projector) linear.residuals[i] /= factor[1];
+      if (problem.groups()[i] == Group::camera) linear.residuals[i] /= judged[0];
+      if (problem.groups()[i] == Group::projector) linear.residuals[i] /= judged[1];
     }
-    const int rejected = reject(bundle, problem, linear.residuals);
+    const int rejected = may_reject ? reject(bundle, problem, linear.residuals) : 0;
     report.n_rejected += rejected;
     const Eigen::Vector2d next = scales.cwiseProduct(factor).cwiseMax(kLeastScale);
     const bool settled = (next - scales).cwiseQuotient(scales).cwiseAbs().maxCoeff() < 1e-3;
@@ -500,9 +537,10 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
 
   report.newton_decrement = std::sqrt(std::max(0.0, linear.gradient.dot(inverse * linear.gradient)));
   if (!(report.newton_decrement < 1e-3)) {  // eq. 3
-    return unanswerable(fmt::format("the joint solve did not converge: {:.2g} standard uncertainties are left to go after {} "
-                                    "iterations; capture the board in more, differently tilted poses",
-                                    report.newton_decrement, report.iterations));
+    return unanswerable(
+        fmt::format("the joint solve did not converge: {:.2g} standard uncertainties are left to go after {} "
+                    "iterations; capture the board in more, differently tilted poses",
+                    report.newton_decrement, report.iterations));
   }
   report.scale_camera = scales[0];
   report.scale_projector = scales[1];
@@ -511,7 +549,8 @@ Result<SolveReport> solve_bundle(Bundle& bundle, const SolveSettings& settings) 
   report.covariance.names.assign(names.begin(), names.begin() + reported);
   report.covariance.covariance = inverse.topLeftCorner(reported, reported);
   for (int i = 0; i < reported; ++i) {
-    if (!(inverse(i, i) > 0.0)) return unanswerable("the covariance of the calibration is not positive; capture more poses");
+    if (!(inverse(i, i) > 0.0))
+      return unanswerable("the covariance of the calibration is not positive; capture more poses");
   }
 
   problem.build(Eigen::Vector2d(1, 1), 0);

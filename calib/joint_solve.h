@@ -1,9 +1,9 @@
-// The least-squares problem of calibrate.h on plain data: target places, sights of them, a start. Camera alone, or camera
-// and projector together.
+// The least-squares problem of calibrate.h on plain data: target places, sights of them, a start. Camera alone, or
+// camera and projector together.
 //
 // Minimised is  sum |camera residual|^2 / (s_c u_pixel)^2 + sum (projector residual)^2 / (s_p u)^2 + priors        (1)
-// with the residuals of bundle_cost.h. The scales s_c and s_p of the stated uncertainties are not known beforehand; they are
-// the square roots of the variance components
+// with the residuals of bundle_cost.h. The scales s_c and s_p of the stated uncertainties are not known beforehand;
+// they are the square roots of the variance components
 //   s^2 = chi2_group / (n_group - tr(N^-1 N_group)),  N = J^T J                                                (2)
 // re-estimated until they stay. [Foerstner1979] What is known of the board enters as priors: the printing error of each
 // corner (one place for all poses, so it does not average out over them), the scale of the pitch, the bow.
@@ -48,9 +48,16 @@ struct Bundle {
   std::vector<Eigen::Vector2d> print_mm;             // printing errors; empty: zero
 };
 
+/// What happens to sights that do not fit.
+enum class Outliers { reject, keep };
+/// What stays at its start.
+enum class Held { nothing, camera_and_poses };
+
 struct SolveSettings {
   DistortionTerms camera_terms = DistortionTerms::radial;
   DistortionTerms projector_terms = DistortionTerms::radial;
+  Outliers outliers = Outliers::reject;
+  Held held = Held::nothing;
   // Standard deviations of the priors; 0 leaves the quantity at its nominal value.
   double u_print_mm = 0;
   double u_pitch_relative = 0;
@@ -62,13 +69,13 @@ struct SolveSettings {
 };
 
 struct SolveReport {
-  model::ParameterCovariance covariance;        // camera, projector, proj_from_cam
-  double scale_camera = 1, scale_projector = 1; // s_c, s_p
-  double chi2 = 0;                              // eq. 1 at the solution, priors included
-  int dof = 0, parameters = 0, residuals = 0;   // without the board's priors
-  double camera_rms_px = 0, projector_rms = 0;  // over the sights used; per coordinate; main axis
+  model::ParameterCovariance covariance;         // camera, projector, proj_from_cam
+  double scale_camera = 1, scale_projector = 1;  // s_c, s_p
+  double chi2 = 0;                               // eq. 1 at the solution, priors included
+  int dof = 0, parameters = 0, residuals = 0;    // without the board's priors
+  double camera_rms_px = 0, projector_rms = 0;   // over the sights used; per coordinate; main axis
   int n_rejected = 0, iterations = 0;
-  double newton_decrement = 0;                  // square root of eq. 3
+  double newton_decrement = 0;  // square root of eq. 3
 };
 
 /// No result where the problem is singular, does not converge, or gives anything that is not finite.

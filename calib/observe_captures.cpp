@@ -9,7 +9,9 @@
 namespace fringecal::calib {
 namespace {
 
-std::string words_of(const std::optional<FringeCode>& code) { return code ? to_json(fringecal::to_value(*code)) : "none"; }
+std::string words_of(const std::optional<FringeCode>& code) {
+  return code ? to_json(fringecal::to_value(*code)) : "none";
+}
 
 /// The folder's own name, or the whole path where two folders share it.
 std::vector<std::string> names_of(std::span<const std::filesystem::path> folders) {
@@ -41,9 +43,9 @@ BoardViews observe_captures(std::span<const std::filesystem::path> folders, cons
       out.plan = info.plan;
     }
     if (info.width_px != out.width_px || info.height_px != out.height_px) {
-      throw InputError(fmt::format("{}: images of {} x {} pixels, {} has {} x {}; calibrate with captures of one camera setting",
-                                   folders[i].string(), info.width_px, info.height_px, folders[0].string(), out.width_px,
-                                   out.height_px));
+      throw InputError(fmt::format(
+          "{}: images of {} x {} pixels, {} has {} x {}; calibrate with captures of one camera setting",
+          folders[i].string(), info.width_px, info.height_px, folders[0].string(), out.width_px, out.height_px));
     }
     if (words_of(info.plan.x) != words_of(out.plan.x) || words_of(info.plan.y) != words_of(out.plan.y)) {
       throw InputError(fmt::format("{}: another fringe code than in {}; calibrate with captures of one pattern plan",

@@ -1,9 +1,163 @@
-#include "cli/commands.h"
+#include "calib/align.h"
 
+#include "calib/align_record.h"
+#include "cli/commands.h"
+#include "core/capture.h"
+#include "core/error.h"
+#include "core/file.h"
+#include "hw/virtual/virtual_scanner.h"
+
+#include <fmt/format.h>
 #include <CLI/CLI.hpp>
 
-namespace fringecal::cli {
+#include <filesystem>
+#include <memory>
 
-void add_align(CLI::App&) {}
+namespace fringecal::cli {
+namespace {
+
+namespace fs = std::filesystem;
+constexpr int kMaxTurns = 8;
+
+struct Options {
+  std::string capture, axis = "x", record, output;
+  double pattern_pitch_mm = 0, tolerance = calib::AlignmentLoopOptions{}.tolerance_of_period, turned_mrad = 0;
+  std::optional<double> mrad_per_division, theta_mrad;
+  std::uint64_t seed = 1;
+  bool json = false, on_virtual = false;
+};
+
+calib::AlignmentLoopOptions loop_options(const Options& o) {
+  calib::AlignmentLoopOptions loop{.tolerance_of_period = o.tolerance, .rad_per_division = std::nullopt};
+  if (o.mrad_per_division) loop.rad_per_division = 1e-3 * *o.mrad_per_division;
+  return loop;
+}
+
+calib::Misalignment measure(const Capture& capture, const std::string& name, const calib::GratingLayout& layout,
+                            CodeAxis axis) {
+  const auto measured = calib::measure_misalignment(capture, layout, axis);
+  if (!measured) throw InputError(fmt::format("{}: {}", name, measured.error().sentence));
+  return *measured;
+}
+
+void print(const calib::AlignmentIteration& iteration) {
+  const calib::Misalignment& m = iteration.measured;
+  fmt::print("{}\n  bit   delta um    u um  of a period   rising  falling um  jump px  period px   edges\n",
+             iteration.capture);
+  for (const auto& b : m.bits) {
+    fmt::print("  {:3} {:+10.3f} {:7.3f} {:+12.5f} {:+8.2f} {:+9.2f} {:9g} {:9g} {:9}\n", b.bit, 1e3 * b.delta_mm.value,
+               1e3 * b.delta_mm.u, b.fraction_of_period, 1e3 * b.rising_mm, 1e3 * b.falling_mm, b.jump_px, b.period_px,
+               b.n_edges);
+  }
+  fmt::print("  theta = {:+.4f} mrad, u = {:.4f} mrad (chi2/dof {:.2f})\n", 1e3 * m.theta_rad.value,
+             1e3 * m.theta_rad.u, m.chi2_per_dof);
+  for (const auto& remark : m.remarks) fmt::print("  remark: {}\n", remark);
+  fmt::print("  {}\n", iteration.step.sentence);
+}
+
+void align_capture(const Options& o) {
+  const Capture capture = read_capture(o.capture);
+  const CodeAxis axis = o.axis == "x" ? CodeAxis::x : CodeAxis::y;
+  calib::AlignmentHistory history;
+  if (!o.record.empty() && fs::exists(o.record)) history = calib::read_record(o.record);
+  if (o.turned_mrad != 0 && history.readings.empty()) {
+    throw InputError("--turned needs the record of the capture before the turn; give it with --record");
+  }
+  calib::AlignmentIteration iteration{.capture = o.capture, .turn_before_rad = 1e-3 * o.turned_mrad};
+  iteration.measured = measure(capture, o.capture, {.pattern_pitch_mm = o.pattern_pitch_mm}, axis);
+  history.readings.push_back({iteration.measured.theta_rad, iteration.turn_before_rad});
+  const double period_mm = capture.info.plan.code(axis)->period;
+  iteration.step = calib::next_step(history.readings, iteration.measured, period_mm, loop_options(o));
+  if (!o.record.empty()) write_atomically(o.record, to_json(calib::record_of(history, iteration)));
+  if (o.json) {
+    fmt::print("{}", to_json(calib::to_value(iteration)));
+  } else {
+    print(iteration);
+  }
+}
+
+void align_virtual(const Options& o) {
+  if (o.output.empty()) throw InputError("--virtual needs a folder for its results; give it with -o");
+  virt::PresetOverrides overrides;
+  overrides.theta_mrad = o.theta_mrad;
+  virt::VirtualScanner instrument("chen2008", o.seed, overrides);
+  virt::InstrumentState state;
+  const calib::GratingLayout layout{.pattern_pitch_mm = instrument.pattern_pitch_mm()};
+  const virt::Scene scene = instrument.standard_scene("alignment");
+  FolderTransaction folder(o.output);
+  std::vector<calib::AlignmentIteration> iterations;
+  std::vector<calib::AlignmentReading> readings;
+  double turn_mrad = 0;
+  for (int i = 0; i <= kMaxTurns; ++i) {
+    const Capture capture = instrument.capture(scene, state, o.seed * 1000 + static_cast<std::uint64_t>(i));
+    calib::AlignmentIteration iteration{.capture = fmt::format("stack {}", i), .turn_before_rad = 1e-3 * turn_mrad};
+    iteration.measured = measure(capture, iteration.capture, layout, CodeAxis::x);
+    readings.push_back({iteration.measured.theta_rad, iteration.turn_before_rad});
+    iteration.step = calib::next_step(readings, iteration.measured, instrument.plan().x->period, loop_options(o));
+    write_atomically(
+        folder.working() / fmt::format("profile-{}.json", i),
+        to_json(calib::to_value(calib::alignment_profile(capture, CodeAxis::x, capture.info.height_px / 2))));
+    iterations.push_back(iteration);
+    if (!o.json) print(iteration);
+    if (iteration.step.decision != calib::AlignmentDecision::turn) break;
+    turn_mrad = 1e3 * iteration.step.turn_rad;
+    instrument.turn_adjuster(turn_mrad, state);
+  }
+  const Value record = calib::record_of(iterations);
+  write_atomically(folder.working() / "alignment.json", to_json(record));
+  folder.commit();
+  if (o.json) {
+    fmt::print("{}", to_json(record));
+  } else {
+    fmt::print("{} after {} turns; record and profiles in {}\n", calib::name_of(iterations.back().step.decision),
+               iterations.size() - 1, o.output);
+  }
+}
+
+}  // namespace
+
+void add_align(CLI::App& app) {
+  auto* command = app.add_subcommand(
+      "align", "Measure how far the grating's fringes are off the slide direction, and say how to turn the adjuster");
+  auto o = std::make_shared<Options>();
+  auto* capture = command->add_option("capture", o->capture, "Capture folder of a flat board that fills the field");
+  auto* pitch = command
+                    ->add_option("--pattern-pitch-mm", o->pattern_pitch_mm,
+                                 "Distance of neighbouring patterns along the slide, from the grating's data sheet")
+                    ->check(CLI::PositiveNumber);
+  capture->needs(pitch);
+  command->add_option("--axis", o->axis, "Axis of the code across the slide")
+      ->check(CLI::IsMember({"x", "y"}))
+      ->capture_default_str();
+  command->add_option(
+      "--record", o->record,
+      "Record of this alignment (JSON): continued where it exists, so that the adjuster's gain is learned");
+  command->add_option("--turned", o->turned_mrad, "What the adjuster was turned since the record's last capture, mrad");
+  command->add_option("--tolerance", o->tolerance, "Tolerance of the coarsest bit's delta, as a fraction of the period")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--mrad-per-division", o->mrad_per_division, "Of the adjuster's scale, to be told divisions too")
+      ->check(CLI::PositiveNumber);
+  auto* on_virtual = command->add_flag("--virtual", o->on_virtual, "Run the whole loop on the virtual scanner");
+  on_virtual->excludes(capture);
+  command->add_option("--seed", o->seed, "Virtual scanner: which instrument, and its noise")->capture_default_str();
+  command->add_option("--theta", o->theta_mrad, "Virtual scanner: angle before the first turn, mrad (default 0.80)")
+      ->check(CLI::Range(-3.0, 3.0));
+  command->add_option("-o,--output", o->output, "Virtual scanner: folder for alignment.json and the profiles");
+  command->add_flag("--json", o->json, "Print the result as JSON");
+  command->footer(
+      "Examples:\n  fringecal align captures/flat_1 --pattern-pitch-mm 12 --record alignment.json\n"
+      "  fringecal align captures/flat_2 --pattern-pitch-mm 12 --record alignment.json --turned -0.72\n"
+      "  fringecal align --virtual --theta 1.1 -o alignment");
+  command->callback([o] {
+    if (o->on_virtual) {
+      align_virtual(*o);
+    } else if (!o->capture.empty()) {
+      align_capture(*o);
+    } else {
+      throw InputError("align needs a capture folder with --pattern-pitch-mm, or --virtual");
+    }
+  });
+}
 
 }  // namespace fringecal::cli

@@ -1,5 +1,5 @@
-#include "calib/board_detection.h"
 #include "calib/calibrate.h"
+#include "calib/board_detection.h"
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -23,6 +23,7 @@ struct Options {
   DistortionTerms projector_terms = DistortionTerms::radial;
   std::optional<double> pixel_mm, working_distance_mm;
   int min_poses = 3;
+  calib::CalibrationMethod method = calib::CalibrationMethod::joint;
   bool flat_board = false, json = false;
 };
 
@@ -30,10 +31,13 @@ struct Options {
 std::optional<double> value_of(const model::Scanner& s, const std::string& name) {
   const auto& c = s.camera;
   const auto& t = s.proj_from_cam.translation_mm;
-  std::map<std::string, double> values = {
-      {"camera.fx_px", c.fx_px},       {"camera.fy_px", c.fy_px},       {"camera.cx_px", c.cx_px},
-      {"camera.cy_px", c.cy_px},       {"proj_from_cam.translation_x_mm", t.x()},
-      {"proj_from_cam.translation_y_mm", t.y()}, {"proj_from_cam.translation_z_mm", t.z()}};
+  std::map<std::string, double> values = {{"camera.fx_px", c.fx_px},
+                                          {"camera.fy_px", c.fy_px},
+                                          {"camera.cx_px", c.cx_px},
+                                          {"camera.cy_px", c.cy_px},
+                                          {"proj_from_cam.translation_x_mm", t.x()},
+                                          {"proj_from_cam.translation_y_mm", t.y()},
+                                          {"proj_from_cam.translation_z_mm", t.z()}};
   int k = 0;
   for (const char* term : {"k1", "k2", "p1", "p2", "k3"}) {
     values[std::string("camera.") + term] = c.distortion[static_cast<std::size_t>(k)];
@@ -76,7 +80,8 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
 
 void print_text(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped) {
   const auto& r = s.residuals;
-  fmt::print("{}: {} poses, {} corners used, {} left out\n", options.output, r.poses, r.corners_used, r.corners_rejected);
+  fmt::print("{}: {} poses, {} corners used, {} left out\n", options.output, r.poses, r.corners_used,
+             r.corners_rejected);
   for (const auto& d : dropped) fmt::print("  left out: {}: {}\n", d.name, d.reason);
   for (const std::string& name : s.uncertainty.names) {
     if (const auto value = value_of(s, name)) {
@@ -86,8 +91,8 @@ void print_text(const Options& options, const model::Scanner& s, const std::vect
     }
   }
   fmt::print("  base line {:.3f} mm, working distance {:.2f} mm\n", s.base_mm(), s.working_distance_mm);
-  fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n", r.camera_rms_px,
-             r.projector_rms, r.projector_unit, r.grid_rms_mm);
+  fmt::print("  residuals: camera {:.4f} px, projector {:.4g} {} rms; triangulated grid {:.4f} mm rms\n",
+             r.camera_rms_px, r.projector_rms, r.projector_unit, r.grid_rms_mm);
   for (const auto& p : s.priors) fmt::print("  prior: {} = {} +- {:.3g}: {}\n", p.parameter, p.value, p.u, p.reason);
   fmt::print("  {}\n", s.method);
 }
@@ -105,6 +110,7 @@ void run(const Options& options) {
   calib::CalibrationOptions how;
   how.camera_terms = options.camera_terms;
   how.projector_terms = options.projector_terms;
+  how.method = options.method;
   how.min_poses = needed;
   if (options.flat_board) how.u_bow_relative = 0;
   how.pixel_mm = options.pixel_mm;
@@ -121,26 +127,40 @@ void run(const Options& options) {
 }  // namespace
 
 void add_calibrate(CLI::App& app) {
-  static const std::map<std::string, DistortionTerms> kTerms = {{"none", DistortionTerms::none},
-                                                                {"radial", DistortionTerms::radial},
-                                                                {"radial+tangential", DistortionTerms::radial_tangential},
-                                                                {"full", DistortionTerms::full},
-                                                                {"auto", DistortionTerms::automatic}};
+  static const std::map<std::string, DistortionTerms> kTerms = {
+      {"none", DistortionTerms::none},
+      {"radial", DistortionTerms::radial},
+      {"radial+tangential", DistortionTerms::radial_tangential},
+      {"full", DistortionTerms::full},
+      {"auto", DistortionTerms::automatic}};
+  static const std::map<std::string, calib::CalibrationMethod> kMethods = {
+      {"joint", calib::CalibrationMethod::joint}, {"staged", calib::CalibrationMethod::staged}};
   auto options = std::make_shared<Options>();
-  CLI::App* command = app.add_subcommand("calibrate", "Finds camera and projector from captures of a calibration board");
+  CLI::App* command =
+      app.add_subcommand("calibrate", "Finds camera and projector from captures of a calibration board");
   command->add_option("captures", options->captures, "Capture folders, one per pose of the board")->required();
   command->add_option("--board", options->board, "TOML file of the board: kind, columns, rows, pitch_mm")->required();
   command->add_option("-o,--output", options->output, "Scanner file to write")->required();
-  command->add_option("--camera-terms", options->camera_terms,
-                      "Distortion of the camera: none, radial, radial+tangential, full, auto (default: what the data support)")
+  command
+      ->add_option(
+          "--camera-terms", options->camera_terms,
+          "Distortion of the camera: none, radial, radial+tangential, full, auto (default: what the data support)")
       ->transform(CLI::CheckedTransformer(kTerms).description(""));
-  command->add_option("--projector-terms", options->projector_terms,
-                      "Distortion of the projector, the same words (default radial; along one code axis none or radial)")
+  command
+      ->add_option("--projector-terms", options->projector_terms,
+                   "Distortion of the projector, the same words (default radial; along one code axis none or radial)")
       ->transform(CLI::CheckedTransformer(kTerms).description(""));
+  command
+      ->add_option(
+          "--method", options->method,
+          "joint (default): all at once, robust; staged: camera alone by plain least squares, then the projector, "
+          "for comparison with programs that work so")
+      ->transform(CLI::CheckedTransformer(kMethods).description(""));
   command->add_option("--pixel-mm", options->pixel_mm, "Side of a camera pixel in mm, to print the paper's parameters")
       ->check(CLI::PositiveNumber);
-  command->add_option("--working-distance-mm", options->working_distance_mm,
-                      "Distance L of the reference plane (default: the boards' mean distance)")
+  command
+      ->add_option("--working-distance-mm", options->working_distance_mm,
+                   "Distance L of the reference plane (default: the boards' mean distance)")
       ->check(CLI::PositiveNumber);
   command->add_option("--min-poses", options->min_poses, "Refuse with fewer poses than this (at least 3)")
       ->check(CLI::Range(3, 1000));

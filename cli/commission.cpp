@@ -27,6 +27,7 @@ void commission(const Options& options) {
   if (options.choices.repeats < 1 || options.choices.repeats > 99) {
     throw InputError(fmt::format("--repeats {}: give 1 to 99", options.choices.repeats));
   }
+  reports::check_report_tools();  // before a run of minutes, not after it
   const CommissionSession session(options.output, options.choices, options.fresh);
   virt::VirtualScanner instrument(options.choices.preset, options.choices.seed,
                                   {.theta_mrad = options.choices.theta_mrad});

@@ -28,7 +28,7 @@ struct FitArguments {
 
 /// Infinite (as many points as parameters: no scatter to judge by) is null in JSON.
 Value number_or_null(double x) { return std::isfinite(x) ? Value(x) : Value(); }
-std::string text(double x) { return std::isfinite(x) ? fmt::format("{:.2g}", x) : "unknown (no points to spare)"; }
+std::string text(double x) { return std::isfinite(x) ? fmt::format("{:.2g}", x) : "unknown"; }
 std::string text(const Eigen::Vector3d& p, int decimals) {
   return fmt::format("{:.{}f}  {:.{}f}  {:.{}f}", p.x(), decimals, p.y(), decimals, p.z(), decimals);
 }

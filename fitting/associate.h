@@ -13,6 +13,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -69,22 +70,22 @@ std::optional<std::pair<typename Shape::Surface, double>> consensus(Points point
   const Sample sample = make_sample(frame.points, random);
   if (sample.points.size() < static_cast<std::size_t>(Surface::kParameters) + 1) return std::nullopt;
   std::optional<Surface> best;
-  Support best_support;
+  Support best_support, best_proposed;
   for (int proposal = 0; proposal < kProposals; ++proposal) {
     std::optional<Surface> candidate = Shape::propose(sample, random);
     if (!candidate) continue;
     std::vector<double> d = distances(sample.points, *candidate);
     Support found = support(d, Surface::kParameters);
-    // A proposal through few points is rougher than what it stands for: one with half the best support is worth
-    // refining.
-    if (!(found.log_nfa < 0.5 * best_support.log_nfa)) continue;
+    // A proposal through few points is rougher than what it stands for, so each that leads the proposals is refined.
+    if (!(found.log_nfa < best_proposed.log_nfa)) continue;
     for (int refinement = 0; refinement < kRefinements; ++refinement) {
       std::vector<Eigen::Vector3d> near;
       for (std::size_t i = 0; i < d.size(); ++i) {
         if (std::abs(d[i]) <= 2.0 * found.tolerance) near.push_back(sample.points[i]);
       }
-      if (refinement == 0 && !Shape::is_round(near, *candidate)) break;
-      if (found.log_nfa < best_support.log_nfa && Shape::is_round(near, *candidate)) {
+      if (!Shape::is_round(near, *candidate)) break;
+      if (refinement == 0) best_proposed = found;
+      if (found.log_nfa < best_support.log_nfa) {
         best = candidate;
         best_support = found;
       }
@@ -119,7 +120,9 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
     }
   }
   for (int round = 0;; ++round) {
-    const std::vector<Eigen::Vector3d> used = without(points_mm, rejected);
+    const bool is_all = std::find(rejected.begin(), rejected.end(), true) == rejected.end();
+    const std::vector<Eigen::Vector3d> kept = is_all ? std::vector<Eigen::Vector3d>{} : without(points_mm, rejected);
+    const Points used = is_all ? points_mm : Points(kept);
     if (std::string why = why_unusable(used, M, Shape::kName); !why.empty()) {
       return unanswerable(
           fmt::format("after rejection {} of {} points are left: {}", used.size(), points_mm.size(), why));

@@ -9,8 +9,11 @@
 //
 // Points in mm, any frame, any order. The result moves with its points. Standard uncertainties follow from the Jacobian
 // at the solution and the residual scatter s^2 = F / (n - m), m the number of parameters (plane 3, sphere 4, cylinder
-// 5); they take the point errors as independent, equal and along the normal. Fewer points than parameters, or points
-// that do not determine the shape: no result, one sentence why.
+// 5); they take the point errors as independent, equal and along the normal. With exactly as many points as parameters
+// nothing is left to judge the scatter by: standard_deviation_mm and every u_... are then +infinity.
+//
+// Fewer points than parameters, points that are not finite, or points that do not determine the shape: no result, one
+// sentence why.
 #pragma once
 
 #include "core/result.h"

@@ -114,24 +114,30 @@ enum class Descent { singular, not_converged };
 
 /// From a start to the last digits. A step is halved until it lowers F; where F no longer resolves the step (its
 /// predicted gain is below 1e-11 F), until it lowers the length (2) of the step that would follow. It has converged
-/// when neither can be had any more.
+/// when neither can be had any more, or when the step changes the distances by less than double resolves (1e-16 of the
+/// points' size).
 template <class Surface>
 tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, Points points, int max_iterations) {
   constexpr int M = Surface::kParameters;
   constexpr int kHalvings = 30, kHalvingsAtTheEnd = 4;
+  const double n = static_cast<double>(points.size());
   NormalEquations<M> at = normal_equations(surface, points);
   std::optional<NormalSolution<M>> newton = solve_normal_equations<M>(at.jtj, -at.jtd);
   for (int iteration = 0; newton; ++iteration) {
     const double length2 = -newton->x.dot(at.jtd);  // eq. 2
-    const bool at_the_end = !(length2 > 1e-11 * at.f) || !(length2 > 1e-26 * static_cast<double>(points.size()));
+    if (!(length2 > 1e-32 * n)) return Minimum<Surface>{surface, newton->inverse, at.f, iteration};
+    const bool is_rounding = !(length2 > 1e-26 * n);
+    const bool at_the_end = is_rounding || !(length2 > 1e-11 * at.f);
+    const int halvings = is_rounding ? 0 : at_the_end ? kHalvingsAtTheEnd : kHalvings;
+    const double enough = is_rounding ? 0.25 : 0.98;  // of length2; slow where the scatter is as large as the radius
     bool better = false;
     VectorN<M> step = newton->x;
-    for (int halving = 0; !better && halving <= (at_the_end ? kHalvingsAtTheEnd : kHalvings); ++halving, step *= 0.5) {
+    for (int halving = 0; !better && halving <= halvings; ++halving, step *= 0.5) {
       const Surface trial = surface.moved(step);
       const NormalEquations<M> there = normal_equations(trial, points);
       if (at_the_end) {
         auto next = solve_normal_equations<M>(there.jtj, -there.jtd);
-        better = next && -next->x.dot(there.jtd) < 0.5 * length2;
+        better = next && -next->x.dot(there.jtd) < enough * length2;
         if (better) newton = std::move(next);
       } else {
         better = there.f < at.f;
@@ -142,8 +148,9 @@ tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, Points poi
         at = there;
       }
     }
-    if (!better) return Minimum<Surface>{surface, newton->inverse, at.f, iteration};
-    if (iteration >= max_iterations) return tl::unexpected(Descent::not_converged);
+    const bool is_last = iteration >= max_iterations;
+    if (!better || (is_last && at_the_end)) return Minimum<Surface>{surface, newton->inverse, at.f, iteration};
+    if (is_last) return tl::unexpected(Descent::not_converged);
   }
   return tl::unexpected(Descent::singular);
 }

@@ -5,14 +5,19 @@ namespace fringecal::fitting {
 
 SymmetricEigen<3> principal_axes(Points normalised) {
   const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
+  const double n = static_cast<double>(normalised.size());
   const Eigen::Vector3d mean =
-      blocked_sum(normalised, zero, [](const Eigen::Vector3d& p, Eigen::Vector3d& sum) { sum += p; }) /
-      static_cast<double>(normalised.size());
-  return symmetric_eigen<3>(
-      blocked_sum(normalised, Eigen::Matrix3d::Zero().eval(), [&](const Eigen::Vector3d& p, Eigen::Matrix3d& sum) {
-        const Eigen::Vector3d u = p - mean;
-        sum += u * u.transpose();
-      }));
+      blocked_sum(normalised, zero, [](const Eigen::Vector3d& p, Eigen::Vector3d& sum) { sum += p; }) / n;
+  const auto scatter = [&](const Eigen::Vector3d& p, Eigen::Matrix3d& sum) {
+    sum += (p - mean) * (p - mean).transpose();
+  };
+  SymmetricEigen<3> axes = symmetric_eigen<3>(blocked_sum(normalised, Eigen::Matrix3d::Zero().eval(), scatter));
+  // An eigenvalue is good to eps of the largest one, so a thickness only to 1e-8 of the size; along the axes it is
+  // exact.
+  axes.values = blocked_sum(normalised, zero, [&](const Eigen::Vector3d& p, Eigen::Vector3d& sum) {
+    sum += (axes.vectors.transpose() * (p - mean)).cwiseAbs2();
+  });
+  return axes;
 }
 
 std::string why_no_minimum(Descent descent, const char* shape, int max_iterations) {

@@ -5,6 +5,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <bit>
 #include <cstring>
 
@@ -43,6 +44,22 @@ std::vector<Eigen::Vector3d> PointCloud::positions_mm() const {
   out.reserve(points.size());
   for (const auto& point : points) out.push_back(point.position_mm);
   return out;
+}
+
+CloudSummary summary_of(const PointCloud& cloud) {
+  require(!cloud.points.empty(), "a summary needs a point");
+  CloudSummary summary{.min_mm = cloud.points.front().position_mm, .max_mm = cloud.points.front().position_mm};
+  std::vector<double> u;
+  u.reserve(cloud.points.size());
+  for (const auto& point : cloud.points) {
+    summary.min_mm = summary.min_mm.cwiseMin(point.position_mm);
+    summary.max_mm = summary.max_mm.cwiseMax(point.position_mm);
+    u.push_back(point.u_along_ray_mm);
+  }
+  const auto middle = u.begin() + static_cast<std::ptrdiff_t>(u.size() / 2);
+  std::nth_element(u.begin(), middle, u.end());
+  summary.median_u_along_ray_mm = *middle;
+  return summary;
 }
 
 void write_ply(const std::filesystem::path& file, const PointCloud& cloud) {

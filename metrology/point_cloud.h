@@ -22,6 +22,13 @@ struct PointCloud {
   std::vector<Eigen::Vector3d> positions_mm() const;
 };
 
+/// For people: the box around the points, and the middle one of their uncertainties. At least one point.
+struct CloudSummary {
+  Eigen::Vector3d min_mm = Eigen::Vector3d::Zero(), max_mm = Eigen::Vector3d::Zero();
+  double median_u_along_ray_mm = 0;
+};
+CloudSummary summary_of(const PointCloud& cloud);
+
 /// Binary little-endian PLY: x y z nx ny nz u_mm modulation pixel_x pixel_y. Positions are doubles.
 void write_ply(const std::filesystem::path& file, const PointCloud& cloud);
 PointCloud read_ply(const std::filesystem::path& file);

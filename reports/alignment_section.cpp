@@ -39,8 +39,8 @@ std::vector<Jump> jumps_of(const ProfileColumns& profile) {
 }
 
 void check(const ProfileColumns& profile) {
-  require(profile.column_px.size() == profile.gray_number.size() && profile.column_px.size() == profile.phase_rad.size() &&
-              !profile.column_px.empty(),
+  require(profile.column_px.size() == profile.gray_number.size() &&
+              profile.column_px.size() == profile.phase_rad.size() && !profile.column_px.empty(),
           "the columns of a profile have one length and are not empty");
 }
 
@@ -75,8 +75,13 @@ std::vector<Band> disagreements(const ProfileColumns& profile, const Window& win
 /// The columns inside the window; a gap between columns breaks the line.
 Plot profile_plot(const ProfileColumns& profile, const Window& window, const std::string& title) {
   Series phase{.label = "absolute phase", .mark = Mark::line, .colour = ink::kPrimary, .size = 1.3, .x = {}, .y = {}};
-  Series gray{.label = "Gray number (right)", .mark = Mark::steps, .colour = ink::kSecondary, .size = 1.0,
-              .right_axis = true, .x = {}, .y = {}};
+  Series gray{.label = "Gray number (right)",
+              .mark = Mark::steps,
+              .colour = ink::kSecondary,
+              .size = 1.0,
+              .right_axis = true,
+              .x = {},
+              .y = {}};
   double last = std::numeric_limits<double>::quiet_NaN();
   for (std::size_t k = 0; k < profile.column_px.size(); ++k) {
     const double column = profile.column_px[k];
@@ -108,7 +113,9 @@ Plot profile_plot(const ProfileColumns& profile, const Window& window, const std
           .height_px = 230,
           .x = {.label = title + ", column in px", .range = std::pair(window.from, window.to), .tick = {}},
           .y = {.label = "absolute phase, rad", .range = range(phase.y, 0.06, 0.3), .tick = {}},
-          .right = Axis{.label = "Gray number", .range = range(gray.y, 0.3, 0.06), .tick = {}},
+          .right = Axis{.label = "Gray number",
+                        .range = range(gray.y, 0.3, 0.06),
+                        .tick = window.to - window.from < 200 ? 1.0 : 20.0},
           .series = {gray, phase},
           .bands = {},
           .levels = {}};
@@ -135,25 +142,32 @@ Markup panels(const AlignmentSection& alignment) {
   for (const auto& panel : shown) {
     const auto& profile = *panel.profile;
     const Window whole{profile.column_px.front(), profile.column_px.back()};
-    rows += figure("half", draw(profile_plot(profile, whole, fmt::format("row {}", profile.row_px)), "profile_" + panel.id),
-                   panel.words + " alignment: Gray steps and absolute phase along one row.");
+    rows +=
+        figure("half", draw(profile_plot(profile, whole, fmt::format("row {}", profile.row_px)), "profile_" + panel.id),
+               panel.words + " alignment: Gray steps and absolute phase along one row.");
     Plot plot = profile_plot(profile, zoom, fmt::format("row {}, zoom", profile.row_px));
     plot.bands = disagreements(profile, zoom, panel.period_px);
     plot.series.back().mark = Mark::line_points;
     plot.series.back().size = 0.28;
-    const char* const note = plot.bands.empty() ? ": no jump in this window; the edges of the Gray code and the phase coincide."
-                                                : ": between a Gray edge and the period edge the phase jumps by 2π (shaded).";
+    const char* const note = plot.bands.empty()
+                                 ? ": no jump in this window; the edges of the Gray code and the phase coincide."
+                                 : ": between a Gray edge and the period edge the phase jumps by 2π (shaded).";
     zooms += figure("half", draw(plot, "zoom_" + panel.id), panel.words + " alignment, zoom on period edges" + note);
   }
   return element("div", {{"class", "figures"}}, rows + zooms);
 }
 
 Markup iteration_table(const AlignmentSection& alignment) {
-  const std::vector<Column> columns = {{"capture", "", ""}, {"θ, mrad", "number", "fringes to slide"},
-                                       {"u, mrad", "number", "fringes to slide"}, {"bit", "number", "assembly error, eq. 21"},
-                                       {"δ, µm", "number", "assembly error, eq. 21"}, {"u, µm", "number", "assembly error, eq. 21"},
-                                       {"δ/p", "number", "assembly error, eq. 21"}, {"jump, px", "number", "assembly error, eq. 21"},
-                                       {"period, px", "number", "assembly error, eq. 21"}, {"turn by, mrad", "number", "adjuster"},
+  const std::vector<Column> columns = {{"capture", "", ""},
+                                       {"θ, mrad", "number", "fringes to slide"},
+                                       {"u, mrad", "number", "fringes to slide"},
+                                       {"bit", "number", "assembly error, eq. 21"},
+                                       {"δ, µm", "number", "assembly error, eq. 21"},
+                                       {"u, µm", "number", "assembly error, eq. 21"},
+                                       {"δ/p", "number", "assembly error, eq. 21"},
+                                       {"jump, px", "number", "assembly error, eq. 21"},
+                                       {"period, px", "number", "assembly error, eq. 21"},
+                                       {"turn by, mrad", "number", "adjuster"},
                                        {"verdict", "", "adjuster"}};
   std::vector<std::vector<Markup>> rows;
   for (const auto& i : alignment.iterations) {
@@ -161,9 +175,10 @@ Markup iteration_table(const AlignmentSection& alignment) {
     const Markup turn = i.turn_mrad ? text(with_sign(fixed(*i.turn_mrad, 3))) : text("none");
     Markup verdict = text(i.verdict);
     if (!i.instruction.empty()) verdict += element("span", {{"class", "sub"}}, text(i.instruction));
-    rows.push_back({text(std::to_string(i.number)), text(with_sign(theta.value)), text(theta.u), text(std::to_string(i.bit)),
-                    text(with_sign(delta.value)), text(delta.u), text(with_sign(fixed(i.fraction_of_period, 4))),
-                    text(fixed(i.jump_px, 1)), text(fixed(i.period_px, 1)), turn, verdict});
+    rows.push_back({text(std::to_string(i.number)), text(with_sign(theta.value)), text(theta.u),
+                    text(std::to_string(i.bit)), text(with_sign(delta.value)), text(delta.u),
+                    text(with_sign(fixed(i.fraction_of_period, 4))), text(fixed(i.jump_px, 1)),
+                    text(fixed(i.period_px, 1)), turn, verdict});
   }
   return table("full", columns, rows);
 }
@@ -176,10 +191,11 @@ Markup alignment_section(const CommissioningReport& report) {
   Markup out;
   if (!alignment.conclusion.empty()) out += element("p", text(alignment.conclusion));
   out += element("p", {{"class", "note"}},
-                 text(fmt::format("δ is the sideways distance on the grating between an edge of the named Gray bit and the edge of "
-                                  "the phase period it belongs to, p the period; both from maps without corrections. The loop "
-                                  "ends at |δ/p| ≤ {}.",
-                                  significant(alignment.tolerance_fraction, 2))));
+                 text(fmt::format(
+                     "δ is the sideways distance on the grating between an edge of the named Gray bit and the edge of "
+                     "the phase period it belongs to, p the period; both from maps without corrections. The loop "
+                     "ends at |δ/p| ≤ {}.",
+                     significant(alignment.tolerance_fraction, 2))));
   if (!alignment.iterations.empty()) out += iteration_table(alignment);
   return section("alignment", "Grating alignment", out + panels(alignment));
 }

@@ -24,10 +24,12 @@ Markup none() { return element("span", {{"class", "of"}}, text("–")); }
 Markup bar(double ours, double limit) {
   constexpr double kWidth = 72, kEnd = 1.25;
   const double share = limit > 0 ? std::abs(ours) / limit : kEnd;
-  return Markup::trusted(fmt::format(
-      "<svg class=\"bar\" viewBox=\"0 0 72 7\" aria-hidden=\"true\"><rect class=\"track\" y=\"2\" width=\"72\" height=\"3\"/>"
-      "<rect class=\"{}\" y=\"1.5\" width=\"{:.1f}\" height=\"4\"/><rect class=\"limit\" x=\"{:.1f}\" width=\"1.4\" height=\"7\"/></svg>",
-      share > 1.0 ? "over" : "fill", kWidth * std::min(share / kEnd, 1.0), kWidth / kEnd - 0.7));
+  return Markup::trusted(
+      fmt::format("<svg class=\"bar\" viewBox=\"0 0 72 7\" aria-hidden=\"true\"><rect class=\"track\" y=\"2\" "
+                  "width=\"72\" height=\"3\"/>"
+                  "<rect class=\"{}\" y=\"1.5\" width=\"{:.1f}\" height=\"4\"/><rect class=\"limit\" x=\"{:.1f}\" "
+                  "width=\"1.4\" height=\"7\"/></svg>",
+                  share > 1.0 ? "over" : "fill", kWidth * std::min(share / kEnd, 1.0), kWidth / kEnd - 0.7));
 }
 
 /// The error rounded by its uncertainty, both in um.
@@ -44,7 +46,8 @@ ErrorWords error_words(const ModelResult& result) {
 
 std::string mean_words(const ModelResult& result) {
   if (!result.mean_diameter_mm) return {};
-  return result.u_error_mm ? rounded(*result.mean_diameter_mm, *result.u_error_mm).value : fixed(*result.mean_diameter_mm, 4);
+  return result.u_error_mm ? rounded(*result.mean_diameter_mm, *result.u_error_mm).value
+                           : fixed(*result.mean_diameter_mm, 4);
 }
 
 Markup or_none(const std::string& words) { return words.empty() ? none() : text(words); }
@@ -57,7 +60,8 @@ std::string certificate_words(const Uncertain& certificate) {
 std::vector<Markup> comparison_row(const ArtefactSection& a) {
   Markup name = text(a.name);
   if (!a.repeats.empty()) {
-    name += element("span", {{"class", "sub"}}, text(fmt::format("{} {}", a.repeats.size(), a.repeats.size() == 1 ? "repeat" : "repeats")));
+    name += element("span", {{"class", "sub"}},
+                    text(fmt::format("{} {}", a.repeats.size(), a.repeats.size() == 1 ? "repeat" : "repeats")));
   }
   const Markup certificate = a.certificate_mm ? text(certificate_words(*a.certificate_mm)) : none();
   const Markup paper_error = a.paper.error_limit_mm ? text("< " + um_exact(*a.paper.error_limit_mm)) : none();
@@ -70,7 +74,8 @@ std::vector<Markup> comparison_row(const ArtefactSection& a) {
   Markup error = or_none(words.error), form = text(um(ours.max_form_sd_mm));
   if (ours.error_mm && a.paper.error_limit_mm) error += bar(*ours.error_mm, *a.paper.error_limit_mm);
   if (a.paper.form_sd_mm) form += bar(ours.max_form_sd_mm, *a.paper.form_sd_mm);
-  return {name, certificate, or_none(mean_words(ours)), error, or_none(words.u), form, paper_error, paper_form, mark(a.verdict)};
+  return {name,       certificate,    or_none(mean_words(ours)), error, or_none(words.u), form, paper_error,
+          paper_form, mark(a.verdict)};
 }
 
 Markup form_plot(const ArtefactSection& a, const std::string& id) {
@@ -81,10 +86,16 @@ Markup form_plot(const ArtefactSection& a, const std::string& id) {
     s.y.push_back(kUmPerMm * a.repeats[k].form_sd_mm);
     top = std::max(top, s.y.back());
   }
-  Plot plot{.width_px = 500, .height_px = 165,
-            .x = {.label = "repeat", .range = std::pair(0.5, static_cast<double>(a.repeats.size()) + 0.5),
+  Plot plot{.width_px = 500,
+            .height_px = 165,
+            .x = {.label = "repeat",
+                  .range = std::pair(0.5, static_cast<double>(a.repeats.size()) + 0.5),
                   .tick = a.repeats.size() <= 20 ? std::optional(1.0) : std::nullopt},
-            .y = {.label = "form sd, µm", .range = {}, .tick = {}}, .right = {}, .series = {s}, .bands = {}, .levels = {}};
+            .y = {.label = "form sd, µm", .range = {}, .tick = {}},
+            .right = {},
+            .series = {s},
+            .bands = {},
+            .levels = {}};
   if (a.paper.form_sd_mm) {
     const double level = kUmPerMm * *a.paper.form_sd_mm;
     plot.levels.push_back({level, "paper " + um_exact(*a.paper.form_sd_mm)});
@@ -105,10 +116,15 @@ Markup diameter_plot(const ArtefactSection& a, const std::string& id) {
     s.y.push_back(kUmPerMm * (*a.repeats[k].diameter_mm - origin));
     reach = std::max(reach, std::abs(s.y.back()));
   }
-  Plot plot{.width_px = 500, .height_px = 165,
-            .x = {.label = "repeat", .range = std::pair(0.5, static_cast<double>(a.repeats.size()) + 0.5),
+  Plot plot{.width_px = 500,
+            .height_px = 165,
+            .x = {.label = "repeat",
+                  .range = std::pair(0.5, static_cast<double>(a.repeats.size()) + 0.5),
                   .tick = a.repeats.size() <= 20 ? std::optional(1.0) : std::nullopt},
-            .y = {.label = "diameter error, µm", .range = {}, .tick = {}}, .right = {}, .series = {s}, .bands = {},
+            .y = {.label = "diameter error, µm", .range = {}, .tick = {}},
+            .right = {},
+            .series = {s},
+            .bands = {},
             .levels = {{0.0, a.certificate_mm ? "certificate" : "mean"}}};
   if (!a.certificate_mm) plot.y.label = "diameter − mean, µm";
   if (a.certificate_mm && a.paper.error_limit_mm) {
@@ -152,9 +168,12 @@ std::string sentence_for(const ArtefactSection& a) {
   if (!a.models.empty()) {
     const ModelResult& ours = a.models.front();
     const ErrorWords words = error_words(ours);
-    if (!words.error.empty()) out += fmt::format("Error {} µm{}. ", words.error, words.u.empty() ? "" : ", u = " + words.u + " µm");
-    if (ours.repeatability_sd_mm) out += fmt::format("Repeatability of the diameter {} µm. ", um(*ours.repeatability_sd_mm));
-    out += fmt::format("Form standard deviation {} µm in the mean, {} µm at most. ", um(ours.mean_form_sd_mm), um(ours.max_form_sd_mm));
+    if (!words.error.empty())
+      out += fmt::format("Error {} µm{}. ", words.error, words.u.empty() ? "" : ", u = " + words.u + " µm");
+    if (ours.repeatability_sd_mm)
+      out += fmt::format("Repeatability of the diameter {} µm. ", um(*ours.repeatability_sd_mm));
+    out += fmt::format("Form standard deviation {} µm in the mean, {} µm at most. ", um(ours.mean_form_sd_mm),
+                       um(ours.max_form_sd_mm));
   } else {
     out += "Not measured. ";
   }
@@ -168,14 +187,19 @@ Markup one_artefact(const ArtefactSection& a, std::size_t number) {
   out += element("p", {{"class", "note"}}, text(sentence_for(a)));
   Markup map, plots;
   if (!a.deviation_mm.empty()) {
-    const HeatMapOptions options{.map = ColourMap::diverging, .label = "deviation, µm", .scale = kUmPerMm, .width_px = 480,
+    const HeatMapOptions options{.map = ColourMap::diverging,
+                                 .label = "deviation, µm",
+                                 .scale = kUmPerMm,
+                                 .width_px = 480,
                                  .max_height_px = 285};
-    map = figure("half", heat_map(a.deviation_mm, options),
-                 (a.deviation_caption.empty() ? "Deviation from the fitted " + word_for(a.kind) + "." : a.deviation_caption) +
-                     " Axes in pixels; grey: no point.");
+    map = figure(
+        "half", heat_map(a.deviation_mm, options),
+        (a.deviation_caption.empty() ? "Deviation from the fitted " + word_for(a.kind) + "." : a.deviation_caption) +
+            " Axes in pixels; grey: no point.");
   }
   if (!a.repeats.empty()) {
-    const bool diameters = std::all_of(a.repeats.begin(), a.repeats.end(), [](const Repeat& r) { return r.diameter_mm.has_value(); });
+    const bool diameters =
+        std::all_of(a.repeats.begin(), a.repeats.end(), [](const Repeat& r) { return r.diameter_mm.has_value(); });
     if (diameters && (a.certificate_mm || (!a.models.empty() && a.models.front().mean_diameter_mm))) {
       plots += diameter_plot(a, fmt::format("diameter_{}", number));
     }
@@ -199,19 +223,26 @@ std::string title_of_model(const std::string& model) {
 
 Markup comparison_table(const std::vector<ArtefactSection>& artefacts) {
   if (artefacts.empty()) return {};
-  const std::vector<Column> columns = {{"artefact", "", ""}, {"certificate ± U, mm", "number", ""}, {"mean, mm", "number", "this scanner"},
-                                       {"error, µm", "number", "this scanner"}, {"u, µm", "number", "this scanner"},
-                                       {"max. form sd, µm", "number", "this scanner"}, {"error, µm", "number", "the paper"},
-                                       {"max. form sd, µm", "number", "the paper"}, {"verdict", "", ""}};
+  const std::vector<Column> columns = {{"artefact", "", ""},
+                                       {"certificate ± U, mm", "number", ""},
+                                       {"mean, mm", "number", "this scanner"},
+                                       {"error, µm", "number", "this scanner"},
+                                       {"u, µm", "number", "this scanner"},
+                                       {"max. form sd, µm", "number", "this scanner"},
+                                       {"error, µm", "number", "the paper"},
+                                       {"max. form sd, µm", "number", "the paper"},
+                                       {"verdict", "", ""}};
   std::vector<std::vector<Markup>> rows;
   for (const auto& a : artefacts) rows.push_back(comparison_row(a));
-  return element("div", {{"class", "compare"}},
-                 table("full", columns, rows) +
-                     element("p", {{"class", "note"}},
-                             text("Error: mean of the repeats − certificate. U: k = 2; u: standard uncertainty of the error. Form sd: "
-                                  "standard deviation of the points from the fitted element, the largest of the repeats. Bars: "
-                                  "this scanner’s figure as a share of the paper’s, which is the tick. Paper: Chen, Xi, Jiang, Jin, "
-                                  "Precision Engineering 32 (2008) 215–221.")));
+  return element(
+      "div", {{"class", "compare"}},
+      table("full", columns, rows) +
+          element(
+              "p", {{"class", "note"}},
+              text("Error: mean of the repeats − certificate. U: k = 2; u: standard uncertainty of the error. Form sd: "
+                   "standard deviation of the points from the fitted element, the largest of the repeats. Bars: "
+                   "this scanner’s figure as a share of the paper’s, which is the tick. Paper: Chen, Xi, Jiang, Jin, "
+                   "Precision Engineering 32 (2008) 215–221.")));
 }
 
 Markup artefact_section(const CommissioningReport& report) {
@@ -238,17 +269,20 @@ Markup ablation_section(const CommissioningReport& report) {
   for (const auto& a : report.artefacts) {
     std::vector<Markup> row = {text(a.name)};
     for (const auto& model : models) {
-      const auto found = std::find_if(a.models.begin(), a.models.end(), [&](const ModelResult& m) { return m.model == model; });
+      const auto found =
+          std::find_if(a.models.begin(), a.models.end(), [&](const ModelResult& m) { return m.model == model; });
       const bool present = found != a.models.end();
       row.push_back(present ? or_none(error_words(*found).error) : none());
       row.push_back(present ? text(um(found->max_form_sd_mm)) : none());
     }
     rows.push_back(row);
   }
-  return section("models", "What the lens model buys",
-                 element("p", text("The same captures and the same calibration, reconstructed with each model: the full ray model, the "
-                                   "paper’s closed form with its distortion terms, and the closed form with ideal lenses.")) +
-                     table("full", columns, rows));
+  return section(
+      "models", "What the lens model buys",
+      element("p",
+              text("The same captures and the same calibration, reconstructed with each model: the full ray model, the "
+                   "paper’s closed form with its distortion terms, and the closed form with ideal lenses.")) +
+          table("full", columns, rows));
 }
 
 }  // namespace fringecal::reports

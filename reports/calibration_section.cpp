@@ -18,9 +18,7 @@ constexpr std::size_t kMaxArrows = 700;
 
 std::size_t stride_for(std::size_t n, std::size_t most) { return (n + most - 1) / most; }
 
-std::string thinning_note(std::size_t stride) {
-  return stride > 1 ? fmt::format(" One in {} is drawn.", stride) : "";
-}
+std::string thinning_note(std::size_t stride) { return stride > 1 ? fmt::format(" One in {} is drawn.", stride) : ""; }
 
 /// "p_R" -> p<sub>R</sub>: one letter with a short index; a longer name is a path and stays as it is.
 Markup symbol(const std::string& name) {
@@ -30,12 +28,14 @@ Markup symbol(const std::string& name) {
 
 /// The column of u is left out where no parameter has one.
 Markup parameter_table(const std::vector<Parameter>& parameters) {
-  const bool any_u = std::any_of(parameters.begin(), parameters.end(), [](const Parameter& p) { return p.u.has_value(); });
+  const bool any_u =
+      std::any_of(parameters.begin(), parameters.end(), [](const Parameter& p) { return p.u.has_value(); });
   std::vector<std::vector<Markup>> rows;
   for (const auto& p : parameters) {
     Markup name = symbol(p.name);
     if (!p.meaning.empty()) name += element("span", {{"class", "sub"}}, text(p.meaning));
-    const Rounded r = p.u ? rounded(p.value, *p.u) : Rounded{without_end_zeros(significant(p.value, 6)), "not estimated"};
+    const Rounded r =
+        p.u ? rounded(p.value, *p.u) : Rounded{without_end_zeros(significant(p.value, 6)), "not estimated"};
     std::vector<Markup> row = {name, text(r.value)};
     if (any_u) row.push_back(text(r.u));
     row.push_back(unit(p.unit.empty() ? "1" : p.unit));
@@ -97,10 +97,15 @@ Markup scatter(const CalibrationSection& calibration) {
     s.y.push_back(residuals[k].residual_y_px);
   }
   const double half = std::max(1.1 * largest_residual(residuals), 1e-9);
-  const Plot plot{.width_px = 430, .height_px = 380,
+  const Plot plot{.width_px = 430,
+                  .height_px = 380,
                   .x = {.label = "residual in x, px", .range = std::pair(-half, half), .tick = {}},
                   .y = {.label = "residual in y, px", .range = std::pair(-half, half), .tick = {}},
-                  .right = {}, .series = {s}, .bands = {}, .levels = {}, .equal_scales = true};
+                  .right = {},
+                  .series = {s},
+                  .bands = {},
+                  .levels = {},
+                  .equal_scales = true};
   return figure("half", draw(plot, "camera_scatter"),
                 fmt::format("Camera: reprojection residuals (measured − model) of {} corners.", residuals.size()) +
                     thinning_note(stride));
@@ -120,17 +125,30 @@ Markup vector_field(const CalibrationSection& calibration) {
     s.dy.push_back(scale * residuals[k].residual_y_px);
   }
   const double reference = round_down(0.08 * width / scale);
-  const Series key{.label = "", .mark = Mark::vectors, .colour = ink::kSecondary, .size = 2.0, .x = {0.02 * width},
-                   .y = {1.06 * height}, .dx = {reference * scale}, .dy = {0.0}};
-  const Plot plot{.width_px = 500, .height_px = 380,
+  const Series key{.label = "",
+                   .mark = Mark::vectors,
+                   .colour = ink::kSecondary,
+                   .size = 2.0,
+                   .x = {0.02 * width},
+                   .y = {1.06 * height},
+                   .dx = {reference * scale},
+                   .dy = {0.0}};
+  const Plot plot{.width_px = 500,
+                  .height_px = 380,
                   .x = {.label = "column, px", .range = std::pair(0.0, width), .tick = {}},
                   .y = {.label = "row, px", .range = std::pair(1.1 * height, 0.0), .tick = {}},
-                  .right = {}, .series = {s, key}, .bands = {}, .levels = {}, .equal_scales = true};
-  return figure("half", draw(plot, "camera_field"),
-                fmt::format("Camera: the same residuals over the image, enlarged {} times; the orange arrow at the bottom is {} px. "
-                            "Residuals of a good model point everywhere; a pattern is a missing term.",
-                            significant(scale, 1), significant(reference, 1)) +
-                    thinning_note(stride));
+                  .right = {},
+                  .series = {s, key},
+                  .bands = {},
+                  .levels = {},
+                  .equal_scales = true};
+  return figure(
+      "half", draw(plot, "camera_field"),
+      fmt::format(
+          "Camera: the same residuals over the image, enlarged {} times; the orange arrow at the bottom is {} px. "
+          "Residuals of a good model point everywhere; a pattern is a missing term.",
+          significant(scale, 1), significant(reference, 1)) +
+          thinning_note(stride));
 }
 
 Markup projector_scatter(const CalibrationSection& calibration) {
@@ -143,14 +161,20 @@ Markup projector_scatter(const CalibrationSection& calibration) {
     s.x.push_back(residuals[k].pixel_x_px);
     s.y.push_back((in_mm ? 1000.0 : 1.0) * residuals[k].residual);
   }
-  const Plot plot{.width_px = 500, .height_px = 300,
+  const Plot plot{.width_px = 500,
+                  .height_px = 300,
                   .x = {.label = "column of the corner in the camera image, px",
-                        .range = std::pair(0.0, static_cast<double>(calibration.image_width_px)), .tick = {}},
+                        .range = std::pair(0.0, static_cast<double>(calibration.image_width_px)),
+                        .tick = {}},
                   .y = {.label = "residual on the pattern, " + shown_unit, .range = {}, .tick = {}},
-                  .right = {}, .series = {s}, .bands = {}, .levels = {{0.0, ""}}};
-  return figure("half", draw(plot, "projector_scatter"),
-                fmt::format("Projector: residuals of the coded coordinate on the pattern ({} corners).", residuals.size()) +
-                    thinning_note(stride));
+                  .right = {},
+                  .series = {s},
+                  .bands = {},
+                  .levels = {{0.0, ""}}};
+  return figure(
+      "half", draw(plot, "projector_scatter"),
+      fmt::format("Projector: residuals of the coded coordinate on the pattern ({} corners).", residuals.size()) +
+          thinning_note(stride));
 }
 
 Markup pictures(const CalibrationSection& calibration) {
@@ -160,8 +184,11 @@ Markup pictures(const CalibrationSection& calibration) {
   if (!calibration.camera_residuals.empty() && field) out += vector_field(calibration);
   if (!calibration.projector_residuals.empty() && field) out += projector_scatter(calibration);
   if (calibration.coverage) {
-    const HeatMapOptions options{.map = ColourMap::sequential, .label = "corners per cell", .width_px = 500,
-                                 .max_height_px = 300, .zoom_to_valid = false};
+    const HeatMapOptions options{.map = ColourMap::sequential,
+                                 .label = "corners per cell",
+                                 .width_px = 500,
+                                 .max_height_px = 300,
+                                 .zoom_to_valid = false};
     out += figure("half", heat_map(*calibration.coverage, options),
                   "Coverage: corners in each cell of the camera image, all poses together; grey: none. Axes in cells.");
   }

@@ -34,8 +34,9 @@ std::array<double, 3> oklab_at(ColourMap map, double t) {
   if (map == ColourMap::sequential) {  // eq. 1
     lightness = 0.24 + 0.69 * t;
     hue = (290.0 - 185.0 * t) * kDegree;
-    // The gamut is narrow at teal, between the violet and the yellow end.
-    chroma = 0.135 - 0.17 * t * (1.0 - t) + 0.015 * t;
+    // sRGB is narrowest at t = 0.35 (blue-green, at most 0.091); from there the chroma grows to both ends.
+    const double away = t < 0.35 ? (0.35 - t) / 0.35 : (t - 0.35) / 0.65;
+    chroma = 0.088 + (t < 0.35 ? 0.042 : 0.062) * away * away;
   } else {  // eq. 2
     const double distance = std::abs(2.0 * t - 1.0);
     lightness = 0.965 - 0.565 * distance;

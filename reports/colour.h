@@ -1,5 +1,5 @@
-// Colour maps whose steps look as large as they are: lightness is linear in OKLab, so equal differences of the value are
-// equal differences of lightness, also in a grey print and for colour-blind readers.
+// Colour maps whose steps look as large as they are: lightness is linear in OKLab, so equal differences of the value
+// are equal differences of lightness, also in a grey print and for colour-blind readers.
 //   sequential  L = 0.24 -> 0.93, hue 290 -> 105 degrees (violet, teal, yellow)                        (1)
 //   diverging   L = 0.40 -> 0.965 in the middle -> 0.40, blue below zero, red above                     (2)
 // Every entry lies inside sRGB, so nothing is clipped. [Ottosson2020]

@@ -144,7 +144,8 @@ Value to_value(const CommissioningReport& report) {
   out.set("virtual_instrument", report.virtual_instrument);
   // As text above 2^63 - 1: a JSON integer here is signed.
   if (report.seed) {
-    out.set("seed", *report.seed <= INT64_MAX ? Value(static_cast<std::int64_t>(*report.seed)) : Value(fmt::format("{}", *report.seed)));
+    out.set("seed", *report.seed <= INT64_MAX ? Value(static_cast<std::int64_t>(*report.seed))
+                                              : Value(fmt::format("{}", *report.seed)));
   }
   out.set("instrument_note", report.instrument_note);
   out.set("verdict", word_for(report.verdict)).set("verdict_text", report.verdict_text);

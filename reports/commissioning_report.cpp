@@ -5,6 +5,7 @@
 #include "reports/commissioning_sections.h"
 #include "reports/number.h"
 #include "reports/picture.h"
+#include "reports/plot.h"
 
 #include <fmt/format.h>
 
@@ -18,12 +19,15 @@ constexpr const char* kMetSign =
     "<svg viewBox=\"0 0 16 16\" aria-hidden=\"true\"><circle cx=\"8\" cy=\"8\" r=\"7.4\" fill=\"#1d6b3c\"/>"
     "<path d=\"M4.4 8.3l2.5 2.5 4.8-5.2\" fill=\"none\" stroke=\"#fff\" stroke-width=\"1.9\"/></svg>";
 constexpr const char* kNotMetSign =
-    "<svg viewBox=\"0 0 16 16\" aria-hidden=\"true\"><rect x=\"1.3\" y=\"1.3\" width=\"13.4\" height=\"13.4\" fill=\"#fff\" "
+    "<svg viewBox=\"0 0 16 16\" aria-hidden=\"true\"><rect x=\"1.3\" y=\"1.3\" width=\"13.4\" height=\"13.4\" "
+    "fill=\"#fff\" "
     "stroke=\"#a11f2a\" stroke-width=\"1.7\"/><path d=\"M4.7 4.7l6.6 6.6M11.3 4.7l-6.6 6.6\" stroke=\"#a11f2a\" "
     "stroke-width=\"1.9\"/></svg>";
 constexpr const char* kNotJudgedSign =
-    "<svg viewBox=\"0 0 16 16\" aria-hidden=\"true\"><circle cx=\"8\" cy=\"8\" r=\"7\" fill=\"#fff\" stroke=\"#55606c\" "
-    "stroke-width=\"1.3\" stroke-dasharray=\"2.4 2\"/><path d=\"M4.8 8h6.4\" stroke=\"#55606c\" stroke-width=\"1.7\"/></svg>";
+    "<svg viewBox=\"0 0 16 16\" aria-hidden=\"true\"><circle cx=\"8\" cy=\"8\" r=\"7\" fill=\"#fff\" "
+    "stroke=\"#55606c\" "
+    "stroke-width=\"1.3\" stroke-dasharray=\"2.4 2\"/><path d=\"M4.8 8h6.4\" stroke=\"#55606c\" "
+    "stroke-width=\"1.7\"/></svg>";
 
 Markup contents(const CommissioningReport& report) {
   Markup links;
@@ -64,18 +68,24 @@ Markup instrument_banner(const CommissioningReport& report) {
 
 std::string word_for(Verdict verdict) {
   switch (verdict) {
-    case Verdict::met: return "met";
-    case Verdict::not_met: return "not met";
-    case Verdict::not_judged: return "not judged";
+    case Verdict::met:
+      return "met";
+    case Verdict::not_met:
+      return "not met";
+    case Verdict::not_judged:
+      return "not judged";
   }
   throw std::logic_error("broken contract: a verdict is one of three");
 }
 
 std::string word_for(ArtefactKind kind) {
   switch (kind) {
-    case ArtefactKind::plane: return "plane";
-    case ArtefactKind::sphere: return "sphere";
-    case ArtefactKind::cylinder: return "cylinder";
+    case ArtefactKind::plane:
+      return "plane";
+    case ArtefactKind::sphere:
+      return "sphere";
+    case ArtefactKind::cylinder:
+      return "cylinder";
   }
   throw std::logic_error("broken contract: an artefact is of one of three kinds");
 }
@@ -85,8 +95,9 @@ std::string class_for(Verdict verdict) {
 }
 
 Markup mark_sign(Verdict verdict) {
-  const char* const sign =
-      verdict == Verdict::met ? kMetSign : verdict == Verdict::not_met ? kNotMetSign : kNotJudgedSign;
+  const char* const sign = verdict == Verdict::met       ? kMetSign
+                           : verdict == Verdict::not_met ? kNotMetSign
+                                                         : kNotJudgedSign;
   return element("span", {{"class", "mark"}}, Markup::trusted(sign));
 }
 
@@ -95,8 +106,8 @@ Markup mark(Verdict verdict) {
 }
 
 Markup summary(const CommissioningReport& report) {
-  Markup out = element("p", {{"class", "kicker"}},
-                       element("b", text("fringecal")) + text(" · fringe-projection 3D scanner"));
+  Markup out =
+      element("p", {{"class", "kicker"}}, element("b", text("fringecal")) + text(" · fringe-projection 3D scanner"));
   const std::string name = report.scanner_name.empty() ? "Unnamed scanner" : report.scanner_name;
   out += element("h1", text(report.title + ": " + name));
   Markup facts = fact("Date", report.provenance.date.empty() ? "not recorded" : readable_date(report.provenance.date)) +
@@ -107,11 +118,11 @@ Markup summary(const CommissioningReport& report) {
     facts += fact("Duration", duration(total));
   }
   out += element("ul", {{"class", "facts"}}, facts) + instrument_banner(report);
-  out += element("div", {{"class", "overall"}},
-                 mark_sign(report.verdict) +
-                     element("p", element("span", {{"class", "word " + class_for(report.verdict)}},
-                                          text(word_for(report.verdict))) +
-                                      text(report.verdict_text)));
+  out +=
+      element("div", {{"class", "overall"}},
+              mark_sign(report.verdict) + element("p", element("span", {{"class", "word " + class_for(report.verdict)}},
+                                                               text(word_for(report.verdict))) +
+                                                           text(report.verdict_text)));
   Markup lines;
   for (const auto& line : report.verdicts) {
     lines += element("li", mark_sign(line.verdict) +
@@ -146,8 +157,11 @@ Markup phase_section(const CommissioningReport& report) {
       if (map.valid.values()[k] == 0) shown.values()[k] = std::numeric_limits<float>::quiet_NaN();
     }
   }
-  const HeatMapOptions options{.map = ColourMap::sequential, .label = "absolute phase, rad", .width_px = 760,
-                               .max_height_px = 480, .zoom_to_valid = false};
+  const HeatMapOptions options{.map = ColourMap::sequential,
+                               .label = "absolute phase, rad",
+                               .width_px = 760,
+                               .max_height_px = 480,
+                               .zoom_to_valid = false};
   return section("phase", "Absolute phase",
                  figure("", heat_map(shown, options), map.caption + " Axes in pixels; grey: no valid phase."));
 }
@@ -158,14 +172,16 @@ Markup provenance_section(const CommissioningReport& report) {
   if (!report.stages.empty()) {
     std::vector<std::vector<Markup>> rows;
     for (const auto& stage : report.stages) rows.push_back({text(stage.name), text(duration(stage.duration_s))});
-    stages = element("div", element("h3", text("Stages")) + table("small", {{"stage", "", ""}, {"duration", "number", ""}}, rows));
+    stages = element(
+        "div", element("h3", text("Stages")) + table("small", {{"stage", "", ""}, {"duration", "number", ""}}, rows));
   }
   if (!from.inputs.empty()) {
     std::vector<std::vector<Markup>> rows;
     for (const auto& [name, sha256] : from.inputs) {
       rows.push_back({text(name), element("span", {{"class", "hash"}}, text(sha256))});
     }
-    inputs = element("div", element("h3", text("Inputs")) + table("small", {{"input", "", ""}, {"SHA-256", "", ""}}, rows));
+    inputs =
+        element("div", element("h3", text("Inputs")) + table("small", {{"input", "", ""}, {"SHA-256", "", ""}}, rows));
   }
   std::string made = fmt::format("Made by {} {}", from.program, from.version);
   if (!from.date.empty()) made += " on " + readable_date(from.date);
@@ -183,6 +199,8 @@ std::string commissioning_html(const CommissioningReport& report) {
                       provenance_section(report);
   return page(report.title + ": " + report.scanner_name, body);
 }
+
+void check_report_tools() { draw({.series = {{.x = {0, 1}, .y = {0, 1}}}}, "check"); }
 
 void write_commissioning_report(const std::filesystem::path& folder, const CommissioningReport& report) {
   const std::string html = commissioning_html(report), json = to_json(to_value(report));

@@ -43,7 +43,8 @@ Markup row_of_groups(const std::vector<Column>& columns) {
     while (end < columns.size() && columns[end].group == columns[k].group) ++end;
     const std::string& group = columns[k].group;
     any = any || !group.empty();
-    cells += element("th", {{"colspan", std::to_string(end - k)}, {"class", group.empty() ? "" : "group"}}, text(group));
+    cells +=
+        element("th", {{"colspan", std::to_string(end - k)}, {"class", group.empty() ? "" : "group"}}, text(group));
     k = end;
   }
   return any ? element("tr", {{"class", "groups"}}, cells) : Markup();

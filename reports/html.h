@@ -1,4 +1,5 @@
-// HTML without a template language: text becomes markup only by being escaped, and the type says which of the two it is.
+// HTML without a template language: text becomes markup only by being escaped, and the type says which of the two it
+// is.
 //
 //   Markup p = element("p", text("2 < 3"));                        <p>2 &lt; 3</p>
 //   Markup a = element("td", {{"class", "number"}}, text("7.1"));  <td class="number">7.1</td>

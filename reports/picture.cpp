@@ -63,7 +63,8 @@ std::string number_for_tick(double value, double step) {
 }
 
 std::string svg_text(double x, double y, std::string_view anchor, std::string_view words, std::string_view more = "") {
-  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\"{}>{}</text>", x, y, anchor, more, escape(words));
+  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\"{}>{}</text>", x, y, anchor, more,
+                     escape(words));
 }
 
 std::string colour_bar_png(ColourMap map) {
@@ -76,8 +77,8 @@ std::string colour_bar_png(ColourMap map) {
 /// Where things stand on the drawing.
 struct Layout {
   static constexpr double kLeft = 40, kTop = 10, kBottom = 22, kGap = 14, kBar = 12, kRight = 62;
-  double scale = 1;             // drawing px per image px
-  double width = 0, height = 0; // of the picture
+  double scale = 1;              // drawing px per image px
+  double width = 0, height = 0;  // of the picture
 };
 
 std::string axis_numbers(const Box& box, const Layout& at) {
@@ -99,8 +100,8 @@ std::string colour_bar(const HeatMapOptions& options, Range range, const Layout&
   const double x = Layout::kLeft + at.width + Layout::kGap, height = at.height;
   const double top = Layout::kTop + (at.height - height) / 2;
   std::string svg = fmt::format(
-      "<image x=\"{:.1f}\" y=\"{:.1f}\" width=\"{}\" height=\"{:.1f}\" preserveAspectRatio=\"none\" href=\"{}\"/>", x, top,
-      Layout::kBar, height, png_uri(colour_bar_png(options.map)));
+      "<image x=\"{:.1f}\" y=\"{:.1f}\" width=\"{}\" height=\"{:.1f}\" preserveAspectRatio=\"none\" href=\"{}\"/>", x,
+      top, Layout::kBar, height, png_uri(colour_bar_png(options.map)));
   const auto marks = ticks(range.low * options.scale, range.high * options.scale, height > 120 ? 6 : 4);
   const double step = marks.size() > 1 ? marks[1] - marks[0] : 1.0;
   for (const double mark : marks) {

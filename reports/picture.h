@@ -1,8 +1,9 @@
 // Pictures of a report, as markup with the pixels inside (PNG in a data URI).
 //
-// Large images are averaged over square blocks of k x k pixels; a block with fewer than half its pixels valid is shown as
-// "no value". A heat map's range is robust: without a given range it spans the 0.5 % to 99.5 % quantiles (sequential), or
-// is symmetric about zero at the 99 % quantile of the absolute value (diverging); values beyond it take the end colour.
+// Large images are averaged over square blocks of k x k pixels; a block with fewer than half its pixels valid is shown
+// as "no value". A heat map's range is robust: without a given range it spans the 0.5 % to 99.5 % quantiles
+// (sequential), or is symmetric about zero at the 99 % quantile of the absolute value (diverging); values beyond it
+// take the end colour.
 #pragma once
 
 #include "core/image.h"
@@ -16,15 +17,15 @@ namespace fringecal::reports {
 
 struct HeatMapOptions {
   ColourMap map = ColourMap::diverging;
-  std::string label;            // of the colour bar, with the unit of the printed numbers: "deviation, µm"
-  double scale = 1.0;           // printed number = value * scale
-  int width_px = 480;           // of the drawing on the page, colour bar included
+  std::string label;   // of the colour bar, with the unit of the printed numbers: "deviation, µm"
+  double scale = 1.0;  // printed number = value * scale
+  int width_px = 480;  // of the drawing on the page, colour bar included
   int max_height_px = 420;
-  bool zoom_to_valid = true;    // cut off the margins without values
+  bool zoom_to_valid = true;  // cut off the margins without values
 };
 
-/// A picture with pixel coordinates on its sides and a colour bar. A map without any finite value is an empty frame with
-/// the words "no values".
+/// A picture with pixel coordinates on its sides and a colour bar. A map without any finite value is an empty frame
+/// with the words "no values".
 Markup heat_map(const Image<float>& values, const HeatMapOptions& options);
 
 /// A grey picture of at most this width; saturation_level is shown white.

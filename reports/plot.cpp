@@ -13,14 +13,16 @@ namespace fringecal::reports {
 namespace {
 
 constexpr std::chrono::seconds kLimit{20};
-constexpr const char* kAdvice = "it draws the plots of the report: install the Debian package gnuplot-nox and run again";
+constexpr const char* kAdvice =
+    "it draws the plots of the report: install the Debian package gnuplot-nox and run again";
 
-/// A gnuplot string. Between single quotes nothing is special but the quote itself, which is doubled, and the line's end.
+/// A gnuplot string. Between single quotes nothing is special but the quote itself, which becomes a typographic one,
+/// and the line's end.
 std::string quoted(std::string_view words) {
   std::string out = "'";
   for (const char c : words) {
     if (c == '\'') {
-      out += "''";
+      out += "\u2019";
     } else {
       out += static_cast<unsigned char>(c) < 0x20 ? ' ' : c;
     }
@@ -32,7 +34,7 @@ std::string axis(std::string_view name, const Axis& a) {
   const char* const closer = name == "x" ? "0,0.6" : name == "y" ? "0.8,0" : "-0.8,0";
   std::string out = fmt::format("set {}label {} offset {} textcolor rgb '#3a424c'\n", name, quoted(a.label), closer);
   if (a.range) out += fmt::format("set {}range [{}:{}]\n", name, a.range->first, a.range->second);
-  if (a.tick) out += fmt::format("set {}tics {}\n", name, *a.tick);
+  if (a.tick) out += fmt::format("set {}tics 0,{}\n", name, *a.tick);
   return out;
 }
 
@@ -64,14 +66,18 @@ std::string clause(const Series& s, std::size_t number) {
   std::string bars;
   if (!s.u.empty()) bars = fmt::format("{} using 1:2:3{} with yerrorbars pt 0 lw 1 {} notitle, ", data, axes, colour);
   switch (s.mark) {
-    case Mark::line: return fmt::format("{}{} using 1:2{} with lines lw {} {}{}", bars, data, axes, s.size, colour, key);
-    case Mark::steps: return fmt::format("{}{} using 1:2{} with steps lw {} {}{}", bars, data, axes, s.size, colour, key);
-    case Mark::points: return fmt::format("{}{} using 1:2{} with points pt 7 ps {} {}{}", bars, data, axes, s.size, colour, key);
+    case Mark::line:
+      return fmt::format("{}{} using 1:2{} with lines lw {} {}{}", bars, data, axes, s.size, colour, key);
+    case Mark::steps:
+      return fmt::format("{}{} using 1:2{} with steps lw {} {}{}", bars, data, axes, s.size, colour, key);
+    case Mark::points:
+      return fmt::format("{}{} using 1:2{} with points pt 7 ps {} {}{}", bars, data, axes, s.size, colour, key);
     case Mark::line_points:
-      return fmt::format("{}{} using 1:2{} with linespoints pt 7 ps {} lw 1 {}{}", bars, data, axes, s.size, colour, key);
+      return fmt::format("{}{} using 1:2{} with linespoints pt 7 ps {} lw 1 {}{}", bars, data, axes, s.size, colour,
+                         key);
     case Mark::vectors:
-      return fmt::format("{} using 1:2:3:4{} with vectors head size screen 0.008,22 filled lw {} {}{}", data, axes, s.size,
-                         colour, key);
+      return fmt::format("{} using 1:2:3:4{} with vectors head size screen 0.008,22 filled lw {} {}{}", data, axes,
+                         s.size, colour, key);
   }
   throw std::logic_error("broken contract: a series has a mark");
 }
@@ -79,12 +85,15 @@ std::string clause(const Series& s, std::size_t number) {
 std::string script_for(const Plot& plot, const std::string& id) {
   require(!plot.series.empty(), "a plot has a series");
   std::string s = "set encoding utf8\nset minussign\nset pointintervalbox 0\n";
-  s += fmt::format("set terminal svg size {},{} noenhanced name '{}' font 'sans-serif,12'\n", plot.width_px, plot.height_px, id);
+  s += fmt::format("set terminal svg size {},{} noenhanced name '{}' font 'sans-serif,12'\n", plot.width_px,
+                   plot.height_px, id);
   s += "set border 3 lw 0.8 lc rgb '#5b6470'\nset tics nomirror out scale 0.6 textcolor rgb '#3a424c'\n"
        "set format x '%h'\nset format y '%h'\nset format y2 '%h'\nset xtics offset 0,0.35\nset ytics offset 0.5,0\n"
        "set grid xtics ytics lw 0.6 lc rgb '#e4e7eb' dt solid\n"
-       "set key at graph 1.0, screen 0.985 right top horizontal maxrows 1 samplen 1.6 width -1 textcolor rgb '#3a424c'\n";
-  const bool named = std::any_of(plot.series.begin(), plot.series.end(), [](const Series& one) { return !one.label.empty(); });
+       "set key at graph 1.0, screen 0.985 right top horizontal maxrows 1 samplen 1.6 width -4 textcolor rgb "
+       "'#3a424c'\n";
+  const bool named =
+      std::any_of(plot.series.begin(), plot.series.end(), [](const Series& one) { return !one.label.empty(); });
   if (!named) s += "unset key\n";
   s += axis("x", plot.x) + axis("y", plot.y);
   if (plot.right) s += "set border 11\nset y2tics\n" + axis("y2", *plot.right);
@@ -94,14 +103,16 @@ std::string script_for(const Plot& plot, const std::string& id) {
   if (plot.equal_scales) s += "set size ratio -1\n";
   std::size_t object = 1;
   for (const auto& band : plot.bands) {
-    s += fmt::format("set object {} rectangle from first {}, graph 0 to first {}, graph 1 behind fc rgb '{}' fs solid noborder\n",
-                     object++, band.from, band.to, ink::kBand);
+    s += fmt::format(
+        "set object {} rectangle from first {}, graph 0 to first {}, graph 1 behind fc rgb '{}' fs solid noborder\n",
+        object++, band.from, band.to, ink::kBand);
   }
   std::size_t arrow = 1;
   for (const auto& level : plot.levels) {
-    s += fmt::format("set arrow {0} from graph 0, first {1} to graph 1, first {1} nohead lw 1 dt (6,4) lc rgb '{2}'\n"
-                     "set label {0} {3} at graph 1.015, first {1} left front textcolor rgb '#5b6470'\n",
-                     arrow++, level.y, ink::kQuiet, quoted(level.label));
+    s += fmt::format(
+        "set arrow {0} from graph 0, first {1} to graph 1, first {1} nohead lw 1 dt (6,4) lc rgb '{2}'\n"
+        "set label {0} {3} at graph 1.015, first {1} left front textcolor rgb '#5b6470'\n",
+        arrow++, level.y, ink::kQuiet, quoted(level.label));
   }
   std::string clauses;
   for (std::size_t k = 0; k < plot.series.size(); ++k) {

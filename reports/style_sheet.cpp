@@ -83,7 +83,7 @@ figure.half,figure.third{width:100%}.frames{grid-template-columns:repeat(3,1fr)}
 @media print{html{background:#fff}body{font-size:9.6pt;line-height:1.42}
 main{max-width:none;margin:0;padding:0;box-shadow:none}nav{display:none}
 h1{font-size:21pt}h2{font-size:14.5pt}h3{font-size:11pt}h2,h3{break-after:avoid}
-.overall p{font-size:13pt}section{margin-top:9mm}section.sheet{break-before:page}
+.overall p{font-size:13pt}section{margin-top:9mm}#alignment,#artefacts{break-before:page;margin-top:0}
 table{font-size:8.6pt}thead th{font-size:7.8pt}thead{display:table-header-group}tr{break-inside:avoid}
 th,td{padding-right:7px}.note,figcaption{font-size:8pt}.lines,.facts,.virtual{font-size:8.8pt}.bar{width:52px}
 .small td,.small th{font-size:8pt}.figures{gap:4mm 5mm;margin:2.5mm 0}.columns{gap:0 7mm}.columns>div{flex-basis:0}
@@ -95,8 +95,9 @@ figure.third{width:calc(33.333% - 3.4mm)}.hash{font-size:7pt}a{color:inherit;tex
 }  // namespace
 
 std::string page(std::string_view title, const Markup& body) {
-  const Markup head = Markup::trusted("<meta charset=\"utf-8\">\n"
-                                      "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n") +
+  const Markup head = Markup::trusted(
+                          "<meta charset=\"utf-8\">\n"
+                          "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n") +
                       element("title", text(title)) + Markup::trusted("\n<style>") + Markup::trusted(kStyle) +
                       Markup::trusted("</style>");
   return "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n" + head.html() + "\n</head>\n<body>\n" +

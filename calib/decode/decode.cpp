@@ -139,7 +139,7 @@ class Decoder {
         } else if (per_period == 2) {
           fringe = fringe_of_half_stripe(stripe, wrapped, periods_);
         } else {
-          fringe = fringe_of_whole_stripe(b.bits, x, bits, wrapped);
+          fringe = fringe_of_whole_stripe(b.bits, x, bits, {wrapped, u_per_sigma_over_b_ * sigma / modulation, sigma});
         }
         if (redundant && undecided_far_from_edges(b.bits, x, bits, sigma)) fringe.consistent = false;
         if (!fringe.consistent) validity = Validity::inconsistent_code;

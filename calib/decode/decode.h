@@ -32,11 +32,15 @@ namespace fringecal::decode {
 
 enum class Validity : std::uint8_t {
   valid = 0,
-  shadow = 1,             // the projector's light does not arrive: white - black, or 2B, is below the noise
-  saturated = 2,          // a phase frame (or the white frame) is at the camera's upper limit
-  low_modulation = 3,     // B below the limit of the options
-  inconsistent_code = 4,  // code and phase contradict each other by more than the redundancy can explain, or m is
-                          // outside of what the pattern holds
+  // The projector's light does not arrive: white - black, or B where these are not in the plan, is not above the noise.
+  shadow = 1,
+  // A phase frame is at the camera's upper limit; without phase patterns, the white frame.
+  saturated = 2,
+  // B below the limit of the options.
+  low_modulation = 3,
+  // Redundant result only: code and phase contradict each other by more than the redundancy can explain, m is outside
+  // of what the pattern holds, or a bit is undecided where it should not be (gray.h, eqs. 4, 6, 7).
+  inconsistent_code = 4,
 };
 
 /// The word for people and JSON: "valid", "shadow", "saturated", "low modulation", "inconsistent code".
@@ -68,7 +72,7 @@ struct PhaseMap {
   Image<float> wrapped_rad;      // (-pi, pi]; empty without phase patterns
   Image<float> modulation;       // B in grey levels; without phase patterns half the difference of the references
   Image<float> mean;             // A in grey levels
-  Image<float> u_phase_rad;      // eq. 4
+  Image<float> u_phase_rad;      // eq. 4; quiet NaN where not valid
   Image<std::uint8_t> validity;  // Validity
   NoiseModel noise;
 

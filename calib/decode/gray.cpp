@@ -27,24 +27,26 @@ AxisFrames frames_of(const Capture& capture, CodeAxis axis) {
   return out;
 }
 
-FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, float wrapped) {
+FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, const WrappedPhase& phase) {
+  constexpr float kPi = std::numbers::pi_v<float>;
   const std::int32_t s = row.stripe[x];
   float strongest = 0;
-  for (int b = 0; b < bits; ++b)
+  for (int b = 0; b < bits; ++b) {
     strongest = std::max(strongest, std::abs(row.t[static_cast<std::size_t>(b) * row.width + x]));
+  }
   // At an end of the pattern no bit toggles: as far from its threshold as can be.
   const auto distance = [&](std::int32_t upper) {
     const int bit = toggling_bit(upper, bits);
     return bit < 0 ? strongest : std::abs(row.t[static_cast<std::size_t>(bit) * row.width + x]);
   };
-  const float below = distance(s), above = distance(s + 1);
-  if (std::abs(wrapped) <= std::numbers::pi_v<float> / 2) {
-    return {.m = s, .consistent = std::min(below, above) >= kSurelyAtThreshold * strongest};  // (6)
-  }
-  if (std::abs(wrapped) <= 3 * std::numbers::pi_v<float> / 4) return {.m = s, .consistent = true};
-  const bool upper_half = wrapped > 0;
+  const float below = distance(s), above = distance(s + 1), size = std::abs(phase.phi);
+  if (size <= kPi / 2) return {.m = s, .consistent = std::min(below, above) >= kSurelyAtThreshold * strongest};  // (6)
+  if (size <= 3 * kPi / 4) return {.m = s, .consistent = true};
+  const bool upper_half = phase.phi > 0;
   const float own = upper_half ? above : below, neighbour = upper_half ? below : above;
-  const bool take_neighbour = neighbour < own && neighbour < kNearThreshold * strongest;  // (5)
+  const float clearly = (kPi - size < 3 * phase.u_phi ? kClearlyAtWrap : kClearly) * phase.sigma;
+  const bool take_neighbour =
+      neighbour < kNearThreshold * own || (neighbour < kBelowFull * own && own - neighbour > clearly);
   return {.m = take_neighbour ? (upper_half ? s - 1 : s + 1) : s, .consistent = true};
 }
 

@@ -5,25 +5,27 @@
 // the binary number with bit 0 in front. (1)
 //
 // Plain fringe number: m = floor(s / stripes_per_period). With two stripes per period the finest bit toggles in
-// mid-period and drops out.                                                                                       (2)
+// mid-period and drops out. (2)
 //
 // Redundant, two stripes per period. The code says u_c = (s + 1/2) p / 2, at most p / 4 from the truth, so
-//   q = u_c / p - 1/2 - phi' / 2 pi,  m = round(q)                                                                (3)
+//   q = u_c / p - 1/2 - phi' / 2 pi,  m = round(q) (3)
 // and |q - m| = 1/4 + d, d the distance (in periods) by which the pixel lies on the wrong side of a Gray edge that it
 // has crossed. m stays right up to d = 1/4. A pixel with |q - m| > 3/8 is inconsistent: edges up to p / 8 out of place
-// are mended; of an edge further out the pixels between p / 8 and 3 p / 8 are flagged, and only an edge more than 3 p /
-// 8 out of place could give a wrong m without a flag. (4)
+// are mended; of an edge further out the pixels from p / 8 to 3 p / 8 are flagged, and only an edge more than 3 p / 8
+// out of place could give a wrong m without a flag. (4)
 //
 // Redundant, one stripe per period. Every period edge is a Gray edge. Where phi' > 0 the pixel is in the upper half of
 // its period: m = s, or s - 1 if the edge s - 1 | s came too early. If so, the bit that toggles there has only just
-// crossed its threshold: |t| is small, while at the true upper end of s that edge is most of a period away and |t| is
-// full. Mirrored for phi' < 0 with s + 1. So: within p / 8 of a period edge (|phi'| > 3 pi / 4) the neighbour is taken
-// if the bit toggling on *its* side is nearer to its threshold than the one on the pixel's own side and nearer than
-// kNearThreshold of the pixel's strongest bit. (5) The second condition keeps noise from deciding between two bits that
-// both are full. t_full >= (pi / 4) B, B being the fundamental of the square wave: a false switch needs a deviation of
-// 0.7 t_full / (sqrt(1.09) sigma) = 0.53 B / sigma, 2.1 standard deviations at B = 4 sigma and 4.2 at 8. In the inner
-// half of a period no bit may be near its threshold: less than kSurelyAtThreshold of the strongest there means an edge
-// more than p / 4 out of place, inconsistent.      (6)
+// crossed its threshold, |t| is small; at the true upper end of s that edge is most of a period away, |t| is full, and
+// the small one is the bit on the pixel's own side. Mirrored for phi' < 0 with s + 1. So: within p / 8 of a period edge
+// (|phi'| > 3 pi / 4) the neighbour is taken if |t| on its side is below kNearThreshold of |t| on the own side, or
+// below kBelowFull of it and by kClearly sigma less. (5) The margins keep noise from deciding where edges are so sharp
+// that both bits are full. t_full >= (pi / 4) B, B being the fundamental of the square wave: the first condition then
+// fails by 0.5 B / sigma standard deviations (2 at B = 4 sigma, 4 at 8), the second by 3.5 (the difference of two
+// frames has sqrt(2) sigma). Within 3 u(phi') of the wrap the phase itself cannot tell the side, but there the bit of
+// the true edge is small for certain, and kClearlyAtWrap is enough. In the inner half of a period no bit may be near
+// its threshold: less than kSurelyAtThreshold of the strongest there means an edge more than p / 4 out of place,
+// inconsistent. (6)
 //
 // Either way, and without phase patterns too: a bit may be undecided, |t_b| <= sigma, only where it toggles, within a
 // stripe and a half of the pixel. Undecided elsewhere (indirect light, a gloss) it may stand for any order:
@@ -40,6 +42,9 @@
 namespace fringecal::decode {
 
 constexpr float kNearThreshold = 0.3f;
+constexpr float kBelowFull = 0.7f;
+constexpr float kClearly = 5.0f;
+constexpr float kClearlyAtWrap = 2.5f;
 constexpr float kSurelyAtThreshold = 0.15f;
 
 /// A row of bits. t is kept bit after bit: t[b * width + x].
@@ -83,8 +88,13 @@ inline int toggling_bit(std::int32_t upper, int bits) {
   return bits - 1 - zeros;
 }
 
+struct WrappedPhase {
+  float phi, u_phi;  // phi' and its standard uncertainty, rad
+  float sigma;       // noise of one frame, grey levels
+};
+
 /// Eqs. 5 and 6 for pixel x of the row.
-FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, float wrapped);
+FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, const WrappedPhase& phase);
 
 /// Eq. 7 for pixel x of the row.
 bool undecided_far_from_edges(const BitRow& row, std::size_t x, int bits, float sigma);

@@ -128,7 +128,7 @@ Provenance provenance_from(Fields f) {
   p.date = f.text("date");
   const Value inputs = f.raw("inputs_sha256");
   if (const auto* object = inputs.if_object()) {
-    for (const auto& [name, hash] : *object) p.inputs.emplace_back(name, hash.if_text() ? *hash.if_text() : "");
+    for (const auto& [file, hash] : *object) p.inputs.emplace_back(file, hash.if_text() ? *hash.if_text() : "");
   }
   f.finish();
   return p;

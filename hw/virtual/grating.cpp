@@ -37,14 +37,17 @@ Grating::Grating(const Preset& preset)
       h_centre_(preset.grating.third_harmonic_centre),
       h_edge_(preset.grating.third_harmonic_edge) {}
 
-double Grating::first_harmonic(double rho2) const {
+double Grating::sigma_mm(double rho2) const {
   const double h = std::clamp(h_centre_ + (h_edge_ - h_centre_) * rho2, 1e-6, 0.1);
-  return std::pow(3.0 * h, 0.125);  // eq. 3
+  return code_.period / (2.0 * kPi) * std::sqrt(-0.25 * std::log(3.0 * h));  // eq. 3
 }
 
-double Grating::sigma_mm(double e1) const { return code_.period / (2.0 * kPi) * std::sqrt(-2.0 * std::log(e1)); }
+double Grating::first_harmonic(double sigma_mm) const {
+  const double x = 2.0 * kPi * sigma_mm / code_.period;
+  return std::exp(-0.5 * x * x);
+}
 
-double Grating::modulation_at_centre() const { return (1.0 - dark_) * 2.0 / kPi * first_harmonic(0.0); }
+double Grating::modulation_at_centre() const { return (1.0 - dark_) * 2.0 / kPi * first_harmonic(sigma_mm(0.0)); }
 
 void Grating::project_phase(int step, double offset_mm, const LightRow& row, std::span<float> transmission) const {
   const double shift = 2.0 * kPi * (static_cast<double>(step) / code_.phase_steps + offset_mm / code_.period);

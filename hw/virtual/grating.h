@@ -34,10 +34,10 @@ class Grating {
  public:
   explicit Grating(const Preset& preset);
 
-  /// E1 at rho^2, eq. 3.
-  double first_harmonic(double rho2) const;
-  /// sigma that belongs to E1, mm.
-  double sigma_mm(double first_harmonic) const;
+  /// sigma at rho^2, eq. 3, mm.
+  double sigma_mm(double rho2) const;
+  /// E1 that belongs to a sigma, eq. 3.
+  double first_harmonic(double sigma_mm) const;
   /// B over the light of bright glass, at the axis, before the camera's blur.
   double modulation_at_centre() const;
   /// out = base + light (transmission of the pattern, displaced by offset_mm) factor.

@@ -3,7 +3,6 @@
 #include "core/parallel.h"
 
 #include <algorithm>
-#include <array>
 #include <numbers>
 
 namespace fringecal::virt {
@@ -33,6 +32,11 @@ class Tracer {
   Hit trace(double x, double y) const;
   const Solid& solid(const Hit& hit) const { return *placed_[static_cast<std::size_t>(hit.object)].solid; }
   const Grating& grating() const { return grating_; }
+  /// Cosine between the line of sight and a sheet's middle normal.
+  double view_cosine(const Hit& hit) const {
+    const Eigen::Vector3d sight = placed_[static_cast<std::size_t>(hit.object)].camera_in_part - hit.point_in_part;
+    return std::abs(sight.z()) / sight.norm();
+  }
 
  private:
   void illuminate(Hit& hit) const;
@@ -43,6 +47,7 @@ class Tracer {
   const model::Projector& projector_;
   Eigen::Vector3d pupil_in_world_;
   double power_, working_distance_mm_, grating_width_mm_, half_width_tangent_;
+  double edge_mm_;  // the edge of the coded field is blurred over twice this
 };
 
 Tracer::Tracer(const std::vector<Solid>& solids, const Viewpoint& view, const Preset& preset)
@@ -51,7 +56,8 @@ Tracer::Tracer(const std::vector<Solid>& solids, const Viewpoint& view, const Pr
       power_(preset.projector.modulation / grating_.modulation_at_centre()),
       working_distance_mm_(preset.geometry.working_distance_mm),
       grating_width_mm_(preset.grating_width_mm()),
-      half_width_tangent_(0.5 * preset.grating_width_mm() / preset.projector.focal_length_mm) {
+      half_width_tangent_(0.5 * preset.grating_width_mm() / preset.projector.focal_length_mm),
+      edge_mm_(6.0 * std::max(grating_.sigma_mm(0.0), grating_.sigma_mm(2.0))) {
   const Rigid3 preset_from_proj = view.preset_from_cam * view.scanner.proj_from_cam.inverse();
   pupil_in_world_ = preset_from_proj.translation_mm;
   for (const Solid& solid : solids) {
@@ -107,10 +113,10 @@ void Tracer::illuminate(Hit& hit) const {
   model::distort(projector_.distortion.data(), x, y, xd, yd);
   const double u = projector_.x->f * xd + projector_.x->u0;
   const double rho2 = (xd * xd + yd * yd) / (half_width_tangent_ * half_width_tangent_);
-  const double sigma = grating_.sigma_mm(grating_.first_harmonic(rho2));
-  if (u < -6 * sigma || u > grating_width_mm_ + 6 * sigma || shadowed(hit.object, point)) return;
+  if (u < -edge_mm_ || u > grating_width_mm_ + edge_mm_ || shadowed(hit.object, point)) return;
   double window = 1.0;
-  if (u < 6 * sigma || u > grating_width_mm_ - 6 * sigma) {
+  if (u < edge_mm_ || u > grating_width_mm_ - edge_mm_) {
+    const double sigma = grating_.sigma_mm(rho2);
     window = normal_cdf(u / sigma) - normal_cdf((u - grating_width_mm_) / sigma);
   }
   const double relative_distance = working_distance_mm_ / distance;
@@ -121,56 +127,69 @@ void Tracer::illuminate(Hit& hit) const {
               relative_distance * relative_distance * window;  // eq. 1
 }
 
-constexpr int kSilhouetteSamples = 64;
-
-const std::array<std::array<double, 2>, kSilhouetteSamples>& silhouette_samples() {
-  static const auto samples = [] {
-    std::array<std::array<double, 2>, kSilhouetteSamples> out;
-    for (unsigned i = 0; i < kSilhouetteSamples; ++i) {
-      unsigned reversed = 0;
-      for (unsigned bit = 0; bit < 6; ++bit) reversed |= ((i >> bit) & 1U) << (5 - bit);
-      out[i] = {(i + 0.5) / kSilhouetteSamples - 0.5, (reversed + 0.5) / kSilhouetteSamples - 0.5};
-    }
-    return out;
-  }();
-  return samples;
-}
+constexpr int kTracedSamples = PointSpread::kCoarse;
 
 class Painter {
  public:
-  Painter(const Tracer& tracer, const RayField& rays, LightField& field, double period_mm)
-      : tracer_(tracer), rays_(rays), field_(field), period_mm_(period_mm), class_(rays.x.width(), rays.x.height()) {}
+  Painter(const Tracer& tracer, const RayField& rays, LightField& field, const Preset& preset);
 
-  void paint_row(int y);
-  void refine_row(int y);
+  /// First pass: what the middle of each pixel sees.
+  void look(int y);
+  /// Second pass: what its point spread sees.
+  void paint(int y);
 
  private:
-  // Objects and shadow in one number; neighbours that differ have an edge between them.
-  static std::uint8_t class_of(const Hit& hit) {
-    return static_cast<std::uint8_t>(hit.object < 0 ? 0 : 2 * (hit.object + 1) + (hit.lit ? 1 : 0));
+  struct Moments {
+    double light, u_mm, variance_mm2, rho2;
+  };
+  struct Slope {
+    double x, y, laplacian;
+  };
+  static Slope slope(const Image<double>& image, int x, int y) {
+    const double here = image(x, y), l = image(x - 1, y), r = image(x + 1, y), a = image(x, y - 1), b = image(x, y + 1);
+    return {0.5 * (r - l), 0.5 * (b - a), l + r + a + b - 4.0 * here};
   }
-  LightField::Extra place(int x, double u_mm, double rho2, double light) const;
+  LightField::Extra place(int x, const Moments& m) const;
   void store(int y, const LightField::Extra& value);
-  void average_print(int x, int y, const Hit& hit, double& u_mm, double& light) const;
-  bool at_edge(int x, int y) const;
+  Moments smooth(int x, int y) const;
+  Moments on_print(int x, int y) const;
+  void sample(int x, int y);
+  void near_silhouettes(int y, std::vector<std::uint8_t>& near) const;
 
   const Tracer& tracer_;
   const RayField& rays_;
   LightField& field_;
-  double period_mm_;
-  Image<std::uint8_t> class_;
+  double period_mm_, variance_px2_;
+  PointSpread spread_;
+  // Of the pixels' middles. Class: object and shadow in one number; neighbours that differ have an edge between them.
+  Image<std::uint8_t> class_, near_print_;
+  Image<double> u_mm_, light_, rho2_;
 };
 
-LightField::Extra Painter::place(int x, double u_mm, double rho2, double light) const {
-  const double phase = 2.0 * std::numbers::pi * u_mm / period_mm_ - std::numbers::pi;
-  const double e1 = tracer_.grating().first_harmonic(rho2);
+Painter::Painter(const Tracer& tracer, const RayField& rays, LightField& field, const Preset& preset)
+    : tracer_(tracer),
+      rays_(rays),
+      field_(field),
+      period_mm_(preset.grating.code.period),
+      variance_px2_(preset.camera.blur_px * preset.camera.blur_px + 1.0 / 12.0),
+      spread_(preset.camera.blur_px),
+      class_(rays.x.width(), rays.x.height()),
+      near_print_(rays.x.width(), rays.x.height()),
+      u_mm_(rays.x.width(), rays.x.height()),
+      light_(rays.x.width(), rays.x.height()),
+      rho2_(rays.x.width(), rays.x.height()) {}
+
+LightField::Extra Painter::place(int x, const Moments& m) const {
+  const double phase = 2.0 * std::numbers::pi * m.u_mm / period_mm_ - std::numbers::pi;
+  const double sigma = tracer_.grating().sigma_mm(m.rho2);
+  const double sigma_seen = std::sqrt(sigma * sigma + m.variance_mm2);  // eq. 2
   return {x,
-          static_cast<float>(u_mm),
+          static_cast<float>(m.u_mm),
           static_cast<float>(std::cos(phase)),
           static_cast<float>(std::sin(phase)),
-          static_cast<float>(e1),
-          static_cast<float>(1.0 / tracer_.grating().sigma_mm(e1)),
-          static_cast<float>(light)};
+          static_cast<float>(tracer_.grating().first_harmonic(sigma_seen)),
+          static_cast<float>(1.0 / sigma_seen),
+          static_cast<float>(m.light)};
 }
 
 void Painter::store(int y, const LightField::Extra& v) {
@@ -182,86 +201,117 @@ void Painter::store(int y, const LightField::Extra& v) {
   field_.light(v.column, y) = v.light;
 }
 
-// The pixel's square on the board is a parallelogram to 1e-4 of its side; its sides come from the neighbouring rays.
-void Painter::average_print(int x, int y, const Hit& hit, double& u_mm, double& light) const {
-  const PrintedBoard& print = *tracer_.solid(hit).print();
-  const Eigen::Vector2d here = hit.point_in_part.head<2>();
-  if (!print.near_edge(here, 2.0 * hit.t * std::abs(rays_.x(1, 0) - rays_.x(0, 0)))) {
-    light *= print.albedo(here);
-    return;
-  }
-  const int step_x = x + 1 < rays_.x.width() ? 1 : -1, step_y = y + 1 < rays_.x.height() ? 1 : -1;
-  const Hit right = tracer_.trace(rays_.x(x + step_x, y), rays_.y(x + step_x, y));
-  const Hit below = tracer_.trace(rays_.x(x, y + step_y), rays_.y(x, y + step_y));
-  if (right.object != hit.object || below.object != hit.object || !right.lit || !below.lit) {
-    light *= print.albedo(here);  // at the board's own edge: refine_row() samples it
-    return;
-  }
-  const auto mean = print.footprint(here, step_x * (right.point_in_part.head<2>() - here),
-                                    step_y * (below.point_in_part.head<2>() - here));
-  light *= mean.albedo;
-  u_mm += mean.centroid.x() * step_x * (right.u_mm - hit.u_mm) + mean.centroid.y() * step_y * (below.u_mm - hit.u_mm);
-}
-
-void Painter::paint_row(int y) {
+void Painter::look(int y) {
+  const double pixel = std::abs(rays_.x(1, 0) - rays_.x(0, 0));
   for (int x = 0; x < rays_.x.width(); ++x) {
     const Hit hit = tracer_.trace(rays_.x(x, y), rays_.y(x, y));
-    class_(x, y) = class_of(hit);
+    class_(x, y) = static_cast<std::uint8_t>(hit.object < 0 ? 0 : 2 * (hit.object + 1) + (hit.lit ? 1 : 0));
     if (!hit.lit) continue;
-    double u_mm = hit.u_mm, light = hit.light;
-    if (tracer_.solid(hit).print()) average_print(x, y, hit, u_mm, light);
-    store(y, place(x, u_mm, hit.rho2, light));
-  }
-}
-
-bool Painter::at_edge(int x, int y) const {
-  const std::uint8_t here = class_(x, y);
-  for (int dy = -1; dy <= 1; ++dy) {
-    for (int dx = -1; dx <= 1; ++dx) {
-      if (class_.contains(x + dx, y + dy) && class_(x + dx, y + dy) != here) return true;
+    u_mm_(x, y) = hit.u_mm;
+    rho2_(x, y) = hit.rho2;
+    light_(x, y) = hit.light;
+    if (const auto& print = tracer_.solid(hit).print()) {
+      const Eigen::Vector2d here = hit.point_in_part.head<2>();
+      const double reach_mm = spread_.reach_px() * hit.t * pixel / tracer_.view_cosine(hit);
+      near_print_(x, y) = print->near_edge(here, std::numbers::sqrt2 * reach_mm) ? 1 : 0;
+      light_(x, y) *= print->albedo(here);
     }
   }
-  return false;
 }
 
-void Painter::refine_row(int y) {
-  const int width = rays_.x.width(), height = rays_.x.height();
-  const int up = std::max(y - 1, 0), down = std::min(y + 1, height - 1);
+Painter::Moments Painter::smooth(int x, int y) const {
+  const Slope u = slope(u_mm_, x, y), s = slope(light_, x, y);
+  const double light = light_(x, y), v = variance_px2_;
+  return {light + 0.5 * v * s.laplacian, u_mm_(x, y) + v * ((u.x * s.x + u.y * s.y) / light + 0.5 * u.laplacian),
+          v * (u.x * u.x + u.y * u.y), rho2_(x, y)};  // eq. 3
+}
+
+// Without the neighbours' light, which may or may not have the print's albedo in it: shading over a printed edge's
+// reach is taken as constant, which leaves out 1e-3 of the light and 1e-3 px of the place.
+Painter::Moments Painter::on_print(int x, int y) const {
+  const Hit hit = tracer_.trace(rays_.x(x, y), rays_.y(x, y));
+  const Hit right = tracer_.trace(rays_.x(x + 1, y), rays_.y(x + 1, y));
+  const Hit below = tracer_.trace(rays_.x(x, y + 1), rays_.y(x, y + 1));
+  const Eigen::Vector2d here = hit.point_in_part.head<2>();
+  const auto seen = tracer_.solid(hit).print()->seen(here, right.point_in_part.head<2>() - here,
+                                                     below.point_in_part.head<2>() - here, spread_);
+  const Eigen::Vector2d slope_u(right.u_mm - hit.u_mm, below.u_mm - hit.u_mm);
+  return {hit.light * seen.albedo, hit.u_mm + slope_u.dot(seen.centroid), slope_u.dot(seen.covariance * slope_u),
+          hit.rho2};
+}
+
+// Every pixel whose point spread may reach a change of class.
+void Painter::near_silhouettes(int y, std::vector<std::uint8_t>& near) const {
+  constexpr int kReach = kRayMargin - 1;
+  const int width = class_.width(), height = class_.height();
+  std::vector<std::uint8_t> column(static_cast<std::size_t>(width) + 1, 0);
+  for (int row = std::max(0, y - kReach); row < std::min(height - 1, y + kReach); ++row) {
+    const std::uint8_t *here = class_.row(row).data(), *below = class_.row(row + 1).data();
+    for (int x = 0; x < width; ++x)
+      column[static_cast<std::size_t>(x)] |= static_cast<std::uint8_t>(here[x] ^ below[x]);
+  }
+  for (int row = std::max(0, y - kReach); row <= std::min(height - 1, y + kReach); ++row) {
+    const std::uint8_t* here = class_.row(row).data();
+    for (int x = 0; x + 1 < width; ++x) {
+      const auto change = static_cast<std::uint8_t>(here[x] ^ here[x + 1]);
+      column[static_cast<std::size_t>(x)] |= change;
+      column[static_cast<std::size_t>(x) + 1] |= change;
+    }
+  }
   for (int x = 0; x < width; ++x) {
-    if (!at_edge(x, y)) continue;
-    const int left = std::max(x - 1, 0), right = std::min(x + 1, width - 1);
-    const Eigen::Vector2d here(rays_.x(x, y), rays_.y(x, y));
-    const Eigen::Vector2d dx =
-        Eigen::Vector2d(rays_.x(right, y) - rays_.x(left, y), rays_.y(right, y) - rays_.y(left, y)) / (right - left);
-    const Eigen::Vector2d dy =
-        Eigen::Vector2d(rays_.x(x, down) - rays_.x(x, up), rays_.y(x, down) - rays_.y(x, up)) / (down - up);
-    struct Share {
-      int object;
-      double light, u_mm, rho2;
-    };
-    std::vector<Share> shares;
-    for (const auto& [a, b] : silhouette_samples()) {
-      const Eigen::Vector2d ray = here + a * dx + b * dy;
-      const Hit hit = tracer_.trace(ray.x(), ray.y());
-      if (!hit.lit) continue;
-      const auto& print = tracer_.solid(hit).print();
-      const double light = hit.light * (print ? print->albedo(hit.point_in_part.head<2>()) : 1.0) / kSilhouetteSamples;
-      auto share = std::find_if(shares.begin(), shares.end(), [&](const Share& s) { return s.object == hit.object; });
-      if (share == shares.end()) share = shares.insert(share, Share{hit.object, 0, 0, 0});
-      share->light += light;
-      share->u_mm += light * hit.u_mm;
-      share->rho2 += light * hit.rho2;
+    std::uint8_t any = 0;
+    for (int k = std::max(0, x - kReach); k <= std::min(width - 1, x + kReach); ++k)
+      any |= column[static_cast<std::size_t>(k)];
+    near[static_cast<std::size_t>(x)] = any;
+  }
+}
+
+void Painter::sample(int x, int y) {
+  const Eigen::Vector2d here(rays_.x(x, y), rays_.y(x, y));
+  const Eigen::Vector2d dx =
+      0.5 * Eigen::Vector2d(rays_.x(x + 1, y) - rays_.x(x - 1, y), rays_.y(x + 1, y) - rays_.y(x - 1, y));
+  const Eigen::Vector2d dy =
+      0.5 * Eigen::Vector2d(rays_.x(x, y + 1) - rays_.x(x, y - 1), rays_.y(x, y + 1) - rays_.y(x, y - 1));
+  struct Share {
+    int object;
+    double light, u_mm, u2_mm2, rho2, u_first_mm;
+  };
+  std::vector<Share> shares;
+  for (const Eigen::Vector2d& s : spread_.samples(kTracedSamples)) {
+    const Eigen::Vector2d ray = here + s.x() * dx + s.y() * dy;
+    const Hit hit = tracer_.trace(ray.x(), ray.y());
+    if (!hit.lit) continue;
+    const auto& print = tracer_.solid(hit).print();
+    const double light = hit.light * (print ? print->albedo(hit.point_in_part.head<2>()) : 1.0) / kTracedSamples;
+    auto share = std::find_if(shares.begin(), shares.end(), [&](const Share& o) { return o.object == hit.object; });
+    if (share == shares.end()) share = shares.insert(share, Share{hit.object, 0, 0, 0, 0, hit.u_mm});
+    const double u_mm = hit.u_mm - share->u_first_mm;
+    share->light += light;
+    share->u_mm += light * u_mm;
+    share->u2_mm2 += light * u_mm * u_mm;
+    share->rho2 += light * hit.rho2;
+  }
+  std::erase_if(shares, [](const Share& s) { return !(s.light > 0); });
+  for (std::size_t k = 0; k < shares.size(); ++k) {
+    const Share& s = shares[k];
+    const double mean = s.u_mm / s.light, variance = std::max(0.0, s.u2_mm2 / s.light - mean * mean);
+    const auto value = place(x, {s.light, s.u_first_mm + mean, variance, s.rho2 / s.light});
+    if (k == 0) {
+      store(y, value);
+    } else {
+      field_.extras[static_cast<std::size_t>(y)].push_back(value);
     }
-    std::erase_if(shares, [](const Share& s) { return !(s.light > 0); });
-    field_.light(x, y) = 0.0F;
-    for (std::size_t k = 0; k < shares.size(); ++k) {
-      const Share& s = shares[k];
-      const auto value = place(x, s.u_mm / s.light, s.rho2 / s.light, s.light);
-      if (k == 0) {
-        store(y, value);
-      } else {
-        field_.extras[static_cast<std::size_t>(y)].push_back(value);
-      }
+  }
+}
+
+void Painter::paint(int y) {
+  std::vector<std::uint8_t> near(static_cast<std::size_t>(class_.width()));
+  near_silhouettes(y, near);
+  for (int x = kRayMargin; x < class_.width() - kRayMargin; ++x) {
+    if (near[static_cast<std::size_t>(x)] != 0) {
+      sample(x, y);
+    } else if ((class_(x, y) & 1) != 0) {
+      store(y, place(x, near_print_(x, y) != 0 ? on_print(x, y) : smooth(x, y)));
     }
   }
 }
@@ -281,13 +331,11 @@ LightRow LightField::row(int y) const {
   return {u_mm.row(y), cosine.row(y), sine.row(y), first_harmonic.row(y), inverse_sigma.row(y), light.row(y)};
 }
 
-RayField::RayField(const model::Camera& camera, int margin_px)
-    : margin(margin_px),
-      x(camera.width_px + 2 * margin_px, camera.height_px + 2 * margin_px),
-      y(camera.width_px + 2 * margin_px, camera.height_px + 2 * margin_px) {
+RayField::RayField(const model::Camera& camera)
+    : x(camera.width_px + 2 * kRayMargin, camera.height_px + 2 * kRayMargin), y(x.width(), x.height()) {
   parallel_for(y.height(), [&](int row) {
     for (int column = 0; column < x.width(); ++column) {
-      const auto ray = camera.ray({column - margin, row - margin});
+      const auto ray = camera.ray({column - kRayMargin, row - kRayMargin});
       require(ray.has_value(), "the preset's camera distortion can be inverted on its whole sensor");
       x(column, row) = ray->x();
       y(column, row) = ray->y();
@@ -300,9 +348,9 @@ LightField light_field(const std::vector<Solid>& solids, const RayField& rays, c
   require(solids.size() < 127, "a scene has fewer than 127 objects");
   LightField field(rays.x.width(), rays.x.height());
   const Tracer tracer(solids, view, preset);
-  Painter painter(tracer, rays, field, preset.grating.code.period);
-  parallel_for(rays.x.height(), [&](int y) { painter.paint_row(y); });
-  parallel_for(rays.x.height(), [&](int y) { painter.refine_row(y); });
+  Painter painter(tracer, rays, field, preset);
+  parallel_for(rays.x.height(), [&](int y) { painter.look(y); });
+  parallel_for(rays.x.height() - 2 * kRayMargin, [&](int y) { painter.paint(y + kRayMargin); });
   return field;
 }
 

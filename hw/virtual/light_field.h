@@ -5,9 +5,16 @@
 //   light = P albedo cos(i) cos(psi) (L / D)^2     0 in cast or attached shadow and outside the grating            (1)
 // which on a board square to the axis is the cos^4 fall-off of a projection lens. P makes B the preset's modulation on
 // the white board at the centre of R. The edge of the coded field is blurred as the patterns are (grating.h).
-// Pixels that an edge of print crosses get the mean light over their square and the place of that light's centre;
-// those at silhouettes and shadow edges are sampled 64-fold, each surface with its own light and place.
-// The field has a margin around the sensor, so that the camera's blur has real neighbours everywhere.
+//
+// The camera's point spread (Gaussian blur over the pixel's square, variance v = blur^2 + 1/12 px^2 along each axis) is
+// applied here, before the pixels sample: a blur of finished pixels would let the edges alias by 0.03 px. With <> the
+// mean over the point spread, weighted with the light, a pixel sees a pattern T by
+//   <T(u)> = T at <u>, blurred by the variance of u            (to second order in the spread)                   (2)
+// so the patterns need no further blur: the variance adds to that of the projector's lens. Away from edges
+//   <1> = s + v lap(s) / 2,   <u> = u + v (grad(u) . grad(s) / s + lap(u) / 2),   var(u) = v |grad(u)|^2         (3)
+// from neighbouring pixels; where the spread reaches an edge of print, a silhouette or a shadow's edge, from 128
+// (print, on the board's tangent plane) or 64 (traced) samples of the spread, each surface with its own light and
+// place.
 #pragma once
 
 #include "calib/model/scanner.h"
@@ -19,6 +26,7 @@
 
 namespace fringecal::virt {
 
+/// Of the size of the RayField, margin included.
 struct LightField {
   Image<float> u_mm, cosine, sine, first_harmonic, inverse_sigma, light;
   /// Second and further surfaces within one pixel, row by row.
@@ -32,12 +40,12 @@ struct LightField {
   LightRow row(int y) const;
 };
 
-/// The rays of all pixels and of `margin` pixels around the sensor, as (x, y, 1) in cam.
+/// The rays of all pixels and of kRayMargin pixels around the sensor, as (x, y, 1) in cam.
+constexpr int kRayMargin = 4;
 struct RayField {
-  int margin;
   Image<double> x, y;
 
-  RayField(const model::Camera& camera, int margin_px);
+  explicit RayField(const model::Camera& camera);
 };
 
 /// The geometry of one stack. scanner: the true one; preset_from_cam: its camera in the frame `world` of the preset.

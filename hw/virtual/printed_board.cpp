@@ -5,27 +5,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 namespace fringecal::virt {
 namespace {
-
-constexpr int kSamples = 256;
-
-// Hammersley's points: each of the 256 columns and rows of the unit square holds one.
-const std::array<Eigen::Vector2d, kSamples>& sample_points() {
-  static const auto points = [] {
-    std::array<Eigen::Vector2d, kSamples> out;
-    for (unsigned i = 0; i < kSamples; ++i) {
-      unsigned reversed = 0;
-      for (unsigned bit = 0; bit < 8; ++bit) reversed |= ((i >> bit) & 1U) << (7 - bit);
-      out[i] = {(i + 0.5) / kSamples - 0.5, (reversed + 0.5) / kSamples - 0.5};
-    }
-    return out;
-  }();
-  return points;
-}
 
 bool is_chessboard(const model::Board& b) { return b.kind == model::BoardKind::chessboard; }
 
@@ -107,17 +90,22 @@ bool PrintedBoard::near_edge(const Eigen::Vector2d& place_mm, double reach_mm) c
   return std::abs(distance - dot_radius_ * pitch_mm_.x()) < reach_mm;
 }
 
-PrintedBoard::Footprint PrintedBoard::footprint(const Eigen::Vector2d& place_mm, const Eigen::Vector2d& dx,
-                                                const Eigen::Vector2d& dy) const {
+PrintedBoard::Seen PrintedBoard::seen(const Eigen::Vector2d& place_mm, const Eigen::Vector2d& dx,
+                                      const Eigen::Vector2d& dy, const PointSpread& spread) const {
   const Eigen::Vector2d g0 = grid(place_mm), gx = grid(place_mm + dx) - g0, gy = grid(place_mm + dy) - g0;
+  const auto samples = spread.samples(PointSpread::kFine);
   double sum = 0;
-  Eigen::Vector2d moment = Eigen::Vector2d::Zero();
-  for (const Eigen::Vector2d& s : sample_points()) {
+  Eigen::Vector2d first = Eigen::Vector2d::Zero();
+  Eigen::Matrix2d second = Eigen::Matrix2d::Zero();
+  for (const Eigen::Vector2d& s : samples) {
     const double albedo = albedo_at(g0 + s.x() * gx + s.y() * gy);
     sum += albedo;
-    moment += albedo * s;
+    first += albedo * s;
+    second += albedo * s * s.transpose();
   }
-  return {sum / kSamples, sum > 0 ? Eigen::Vector2d(moment / sum) : Eigen::Vector2d::Zero()};
+  if (!(sum > 0)) return {0.0, Eigen::Vector2d::Zero(), Eigen::Matrix2d::Zero()};
+  first /= sum;
+  return {sum / static_cast<double>(samples.size()), first, second / sum - first * first.transpose()};
 }
 
 }  // namespace fringecal::virt

@@ -10,6 +10,7 @@
 #pragma once
 
 #include "core/rigid.h"
+#include "hw/virtual/point_spread.h"
 #include "hw/virtual/preset.h"
 #include "hw/virtual/scene.h"
 
@@ -26,13 +27,15 @@ class PrintedBoard {
   Eigen::Vector3d corner_mm(int column, int row) const;
   /// Relative albedo at a place (x, y) of the board: 1 on the white, less on the print.
   double albedo(const Eigen::Vector2d& place_mm) const { return albedo_at(grid(place_mm)); }
-  /// Mean albedo over the parallelogram place + a dx + b dy, a, b in (-1/2, 1/2), and in `centroid` the mean (a, b) of
-  /// the light that comes from it. The print's edges are found to 1/256 of the parallelogram.
-  struct Footprint {
+  /// Mean albedo over a pixel's point spread around the place, whose columns and rows go along dx and dy, and the first
+  /// two moments, in px, of the light that comes from there.
+  struct Seen {
     double albedo;
     Eigen::Vector2d centroid;
+    Eigen::Matrix2d covariance;
   };
-  Footprint footprint(const Eigen::Vector2d& place_mm, const Eigen::Vector2d& dx, const Eigen::Vector2d& dy) const;
+  Seen seen(const Eigen::Vector2d& place_mm, const Eigen::Vector2d& dx, const Eigen::Vector2d& dy,
+            const PointSpread& spread) const;
   /// Whether an edge of the print may lie within reach_mm of the place.
   bool near_edge(const Eigen::Vector2d& place_mm, double reach_mm) const;
 

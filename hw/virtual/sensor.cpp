@@ -21,16 +21,6 @@ Sensor::Sensor(const Preset& preset, std::uint64_t instrument_seed)
       noise_variance_(preset.camera.noise_rms * preset.camera.noise_rms),
       shot_fraction_(preset.camera.noise_shot_fraction),
       gain_(width_, height_, 1.0F) {
-  const double sigma = preset.camera.blur_px;
-  const int radius = std::max(1, static_cast<int>(std::ceil(5.0 * sigma)));  // beyond: 6e-7 of the light
-  double sum = 1.0;
-  std::vector<double> weights;
-  for (int k = 1; k <= radius; ++k) {
-    weights.push_back(sigma > 0 ? std::exp(-0.5 * k * k / (sigma * sigma)) : 0.0);
-    sum += 2.0 * weights.back();
-  }
-  centre_ = static_cast<float>(1.0 / sum);
-  for (const double w : weights) kernel_.push_back(static_cast<float>(w / sum));
   const std::uint64_t key = key_of(instrument_seed, "fixed-pattern gain");
   const auto rms = static_cast<float>(preset.camera.fixed_pattern_gain);
   parallel_for(height_, [&](int y) {
@@ -54,37 +44,17 @@ void Sensor::radiance_row(const LightField& field, const Grating& grating, const
 template <class Pixel>
 void Sensor::take_band(const LightField& field, const Grating& grating, const Exposure& e, Band band,
                        Image<Pixel>& frame) const {
-  const int radius = margin();
-  const auto width = static_cast<std::size_t>(width_), wide = width + 2 * kernel_.size();
-  Image<float> across(width_, band.rows + 2 * radius);
-  std::vector<float> radiance(wide);
-  for (int k = 0; k < across.height(); ++k) {
-    radiance_row(field, grating, e, band.first_row + k, radiance);
-    float* out = across.row(k).data();
-    const float* in = radiance.data() + radius;
-    for (std::size_t x = 0; x < width; ++x) out[x] = centre_ * in[x];
-    for (int d = 1; d <= radius; ++d) {
-      const float w = kernel_[static_cast<std::size_t>(d - 1)];
-      const float *left = in - d, *right = in + d;
-      for (std::size_t x = 0; x < width; ++x) out[x] += w * (left[x] + right[x]);
-    }
-  }
-  std::vector<float> signal(width), noise(width);
+  const auto width = static_cast<std::size_t>(width_);
+  std::vector<float> radiance(width + 2 * kRayMargin), noise(width);
   const auto read = static_cast<float>(noise_variance_ * (1.0 - shot_fraction_));
   const auto shot = static_cast<float>(noise_variance_ * shot_fraction_ / (0.5 * kFullScale));
   const auto top = static_cast<float>((1 << bits_) - 1);
   const float digits = top / kFullScale;
   for (int k = 0; k < band.rows; ++k) {
     const int y = band.first_row + k;
-    const float* middle = across.row(k + radius).data();
-    for (std::size_t x = 0; x < width; ++x) signal[x] = centre_ * middle[x];
-    for (int d = 1; d <= radius; ++d) {
-      const float w = kernel_[static_cast<std::size_t>(d - 1)];
-      const float *above = across.row(k + radius - d).data(), *below = across.row(k + radius + d).data();
-      for (std::size_t x = 0; x < width; ++x) signal[x] += w * (above[x] + below[x]);
-    }
+    radiance_row(field, grating, e, y + kRayMargin, radiance);
     fill_normal(e.noise_key, y, noise);
-    const float *gain = gain_.row(y).data(), *n = noise.data(), *in = signal.data();
+    const float *gain = gain_.row(y).data(), *n = noise.data(), *in = radiance.data() + kRayMargin;
     Pixel* out = frame.row(y).data();
     for (std::size_t x = 0; x < width; ++x) {
       const float s = gain[x] * in[x];                                                                  // eq. 1

@@ -1,4 +1,4 @@
-// From light to grey levels: the camera's blur, gain, noise and digits.
+// From light to grey levels: the sensor's gain, noise and digits (its blur: light_field.h).
 //
 // With R(x, y) the radiance in grey levels of 255, G the Gaussian of blur_px rms (sampled, normalised), g the pixel's
 // own gain, n a unit normal number:
@@ -30,8 +30,6 @@ class Sensor {
  public:
   Sensor(const Preset& preset, std::uint64_t instrument_seed);
 
-  /// Pixels around the sensor from which its blur collects light.
-  int margin() const { return static_cast<int>(kernel_.size()); }
   std::vector<GrayImage> take(const LightField& field, const Grating& grating,
                               const std::vector<Exposure>& exposures) const;
 
@@ -47,8 +45,6 @@ class Sensor {
 
   int width_, height_, bits_;
   double noise_variance_, shot_fraction_;
-  float centre_;               // the kernel's middle weight ...
-  std::vector<float> kernel_;  // ... and those at distance 1, 2, ...
   Image<float> gain_;
 };
 

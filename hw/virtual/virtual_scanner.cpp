@@ -107,7 +107,7 @@ struct VirtualScanner::Instance {
         projector(projector_of(preset)),
         grating(preset),
         sensor(preset, seed),
-        rays(camera, sensor.margin()) {
+        rays(camera) {
     Stream lithography(seed, "lithography");
     for (const double path : straightness(seed, plan.patterns.size())) {
       fixed_offset_mm.push_back(preset.grating.lithography_mm * lithography.normal() +

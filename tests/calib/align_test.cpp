@@ -126,7 +126,7 @@ TEST(MeasureMisalignment, PutsThePapersPixelCountBesideItsOwn) {
 }
 
 TEST(CountJumps, RefusesAMapWithTheRedundancyCorrectionBecauseItHidesDelta) {
-  const Capture capture = misaligned_capture({.theta_rad = 0.8e-3});
+  const Capture capture = misaligned_capture({.theta_rad = 0.4e-3});
   decode::DecodeOptions options;
   options.edges = decode::EdgeRule::redundant;
   const auto corrected = decode::decode_phase(capture, CodeAxis::x, options);
@@ -134,15 +134,18 @@ TEST(CountJumps, RefusesAMapWithTheRedundancyCorrectionBecauseItHidesDelta) {
   ASSERT_FALSE(refused);
   EXPECT_THAT(refused.error().sentence, HasSubstr("plain"));
 
-  // It hides delta: called by the other name, the corrected map shows no jump at the finest bit, the plain one 4
-  // pixels.
+  // It hides delta: called by the other name the corrected map shows no jump. The plain one shows delta of bit 5, which
+  // is 4 * 12 mm * 0.4 mrad / 0.24 mm = 0.08 of 24 px, to the pixel.
   auto disguised = corrected;
   disguised.edges = decode::EdgeRule::plain;
   options.edges = decode::EdgeRule::plain;
-  const auto hidden = count_jumps(disguised), shown = count_jumps(decode::decode_phase(capture, CodeAxis::x, options));
+  const auto hidden = count_jumps(disguised);
+  const auto shown = count_jumps(decode::decode_phase(capture, CodeAxis::x, options));
   ASSERT_TRUE(hidden && shown);
-  EXPECT_EQ(hidden->back().jump_px, 0);
-  EXPECT_GE(shown->back().jump_px, 3);
+  ASSERT_FALSE(hidden->empty() || shown->empty());
+  for (const auto& bit : *hidden) EXPECT_EQ(bit.jump_px, 0) << bit.bit;
+  EXPECT_NEAR(shown->back().jump_px, 0.08 * 24, 1.0);
+  EXPECT_EQ(shown->back().bit, 5);
 }
 
 TEST(MeasureMisalignment, RefusesABoardThatIsNotFlat) {

@@ -21,14 +21,14 @@ struct GratingCase {
   double direction = 1;  // -1: u falls with the pixel
   double period_mm = 0.24, pitch_mm = 12;
   double pixels_per_period = 24;
-  double blur = 0.145;                       // of a period: leaves 1.2 % of third harmonic
-  double noise = 1.0;                        // grey levels rms
-  double light = 190, ambient = 12;          // grey levels
-  double bump_periods = 0;                   // height of a cylinder-like bump in u: a board that is not flat
-  double covered = 1.0;                      // share of the line that the board covers
-  int length = 720, lines = 64;              // pixels along and across the code
-  std::vector<double> placement_mm;          // e_j by slot, empty: none
-  std::vector<int> gray_slots, phase_slots;  // empty: GC0 .. PS(N-1)
+  double blur = 0.145;                                 // of a period: leaves 1.2 % of third harmonic
+  double noise = 1.0;                                  // grey levels rms
+  double light = 190, ambient = 12;                    // grey levels
+  double bump_periods = 0;                             // height of a cylinder-like bump in u: a board that is not flat
+  double covered = 1.0;                                // share of the line that the board covers
+  int length = 720, lines = 64;                        // pixels along and across the code
+  std::vector<double> placement_mm = {};               // e_j by slot, empty: none
+  std::vector<int> gray_slots = {}, phase_slots = {};  // empty: GC0 .. PS(N-1)
   unsigned seed = 1;
 };
 

@@ -13,7 +13,9 @@ namespace {
 
 constexpr double kBase = 400, kDistance = 1000;
 
-FringeCode grating() { return {.gray_bits = 7, .phase_steps = 4, .stripes_per_period = 2, .period = 0.24, .unit = "mm"}; }
+FringeCode grating() {
+  return {.gray_bits = 7, .phase_steps = 4, .stripes_per_period = 2, .period = 0.24, .unit = "mm"};
+}
 
 /// std::normal_distribution differs between libraries; this does not.
 class Normal {
@@ -83,8 +85,14 @@ Eigen::Vector3d target() { return {0, 0, std::hypot(kBase, kDistance)}; }
 model::Scanner known_scanner(bool two_axes) {
   model::Scanner s;
   s.name = "known";
-  s.camera = {.width_px = 1392, .height_px = 1040, .fx_px = 3721, .fy_px = 3721, .cx_px = 708, .cy_px = 512,
-              .distortion = {-0.10, 0.06, 2e-4, -1.5e-4, 0}, .pixel_mm = 0.00645};
+  s.camera = {.width_px = 1392,
+              .height_px = 1040,
+              .fx_px = 3721,
+              .fy_px = 3721,
+              .cx_px = 708,
+              .cy_px = 512,
+              .distortion = {-0.10, 0.06, 2e-4, -1.5e-4, 0},
+              .pixel_mm = 0.00645};
   s.projector.x = model::ProjectorAxis{grating(), 32.0, 7.83};
   if (two_axes) s.projector.y = model::ProjectorAxis{grating(), 32.0, 7.5};
   s.projector.distortion = {-0.08, 0.03, 0, 0, 0};
@@ -118,7 +126,8 @@ std::vector<model::BoardObservation> views(const model::Scanner& scanner, const 
   for (int i = 0; i < poses; ++i) {
     const double direction = golden * i, tilt = (15.0 + 20.0 * (i % 3) / 2.0) * std::numbers::pi / 180;
     const Eigen::Vector3d axis(std::cos(direction), std::sin(direction), 0);
-    const Eigen::Vector3d shift(25.0 * std::cos(2 * direction), 20.0 * std::sin(3 * direction), 80.0 * ((i % 5) - 2) / 2.0);
+    const Eigen::Vector3d shift(25.0 * std::cos(2 * direction), 20.0 * std::sin(3 * direction),
+                                80.0 * ((i % 5) - 2) / 2.0);
     placed.push_back({Eigen::Quaterniond(Eigen::AngleAxisd(tilt, axis)), target() + shift});
   }
   return observe(scanner, board, placed, errors);

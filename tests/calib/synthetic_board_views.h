@@ -1,5 +1,5 @@
-// Board views computed from a known scanner, for the tests of the calibration: no image, no decoding, errors as asked for.
-// The projections come from calib/model, whose own tests compare them with OpenCV and mrcal.
+// Board views computed from a known scanner, for the tests of the calibration: no image, no decoding, errors as asked
+// for. The projections come from calib/model, whose own tests compare them with OpenCV and mrcal.
 #pragma once
 
 #include "calib/model/board.h"

@@ -2,8 +2,8 @@
 #include "core/point_file.h"
 #include "fitting/fit.h"
 
-#include <Eigen/Geometry>
 #include <gtest/gtest.h>
+#include <Eigen/Geometry>
 
 #include <filesystem>
 #include <fstream>

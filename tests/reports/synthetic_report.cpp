@@ -86,19 +86,41 @@ ProfileColumns profile(const SyntheticOptions& o, Noise& noise, double jump_px) 
 }
 
 AlignmentSection alignment(const SyntheticOptions& o, Noise& noise) {
-  AlignmentSection out{.tolerance_fraction = 0.02,
-                       .conclusion = "The grating is aligned: after 3 turns of the loop δ is 1.0 µm, 0.4 % of a period.",
-                       .before = profile(o, noise, 0.28 * period_px(o)),
-                       .after = profile(o, noise, 0.0)};
+  AlignmentSection out{
+      .tolerance_fraction = 0.02,
+      .conclusion = "The grating is aligned: after 3 turns of the loop δ is 1.0 µm, 0.4 % of a period.",
+      .before = profile(o, noise, 0.28 * period_px(o)),
+      .after = profile(o, noise, 0.0)};
   const double period = period_px(o);
-  out.iterations = {{.number = 1, .theta_mrad = {0.7968, 0.0061}, .bit = 5, .delta_um = {38.41, 0.52}, .fraction_of_period = 0.16,
-                     .period_px = period, .jump_px = 0.16 * period, .turn_mrad = -0.797,
-                     .instruction = "Turn the adjuster clockwise by 0.797 mrad.", .verdict = "turn again"},
-                    {.number = 2, .theta_mrad = {0.0742, 0.0058}, .bit = 5, .delta_um = {3.57, 0.50}, .fraction_of_period = 0.0149,
-                     .period_px = period, .jump_px = 0, .turn_mrad = -0.074,
-                     .instruction = "Turn the adjuster clockwise by 0.074 mrad.", .verdict = "turn again"},
-                    {.number = 3, .theta_mrad = {-0.0021, 0.0059}, .bit = 5, .delta_um = {-0.98, 0.51},
-                     .fraction_of_period = -0.0041, .period_px = period, .jump_px = 0, .turn_mrad = {}, .instruction = "",
+  out.iterations = {{.number = 1,
+                     .theta_mrad = {0.7968, 0.0061},
+                     .bit = 5,
+                     .delta_um = {38.41, 0.52},
+                     .fraction_of_period = 0.16,
+                     .period_px = period,
+                     .jump_px = 0.16 * period,
+                     .turn_mrad = -0.797,
+                     .instruction = "Turn the adjuster clockwise by 0.797 mrad.",
+                     .verdict = "turn again"},
+                    {.number = 2,
+                     .theta_mrad = {0.0742, 0.0058},
+                     .bit = 5,
+                     .delta_um = {3.57, 0.50},
+                     .fraction_of_period = 0.0149,
+                     .period_px = period,
+                     .jump_px = 0,
+                     .turn_mrad = -0.074,
+                     .instruction = "Turn the adjuster clockwise by 0.074 mrad.",
+                     .verdict = "turn again"},
+                    {.number = 3,
+                     .theta_mrad = {-0.0021, 0.0059},
+                     .bit = 5,
+                     .delta_um = {-0.98, 0.51},
+                     .fraction_of_period = -0.0041,
+                     .period_px = period,
+                     .jump_px = 0,
+                     .turn_mrad = {},
+                     .instruction = "",
                      .verdict = "within tolerance"}};
   return out;
 }
@@ -125,8 +147,9 @@ void add_residuals(CalibrationSection& c, const SyntheticOptions& o, Noise& nois
 
 CalibrationSection calibration(const SyntheticOptions& o, Noise& noise) {
   CalibrationSection c;
-  c.method = "Joint solution of camera, projector and poses; camera with k1, k2, p1, p2 (chosen by the Bayesian information "
-             "criterion), projector with k1, k2.";
+  c.method =
+      "Joint solution of camera, projector and poses; camera with k1, k2, p1, p2 (chosen by the Bayesian information "
+      "criterion), projector with k1, k2.";
   c.parameters = {{"camera.fx", 3721.43, 0.62, "px", "focal length, columns"},
                   {"camera.fy", 3721.37, 0.61, "px", "focal length, rows"},
                   {"camera.cx", 707.91, 0.84, "px", "principal point, column"},
@@ -141,14 +164,23 @@ CalibrationSection calibration(const SyntheticOptions& o, Noise& noise) {
                   {"projector.k2", 0.0321, 0.0062, "", "radial distortion, 4th order"},
                   {"proj_from_cam.base", 400.113, 0.087, "mm", "distance of the pupils"},
                   {"proj_from_cam.y", 3.0, {}, "mm", "held by a prior: one fringe direction leaves it open"}};
-  c.paper_parameters = {{"L", 1000.21, 0.11, "mm", "working distance"}, {"b", 400.02, 0.09, "mm", "base line"},
-                        {"α", 0.380512, 0.000041, "rad", "tilt of the camera"}, {"p_R", 7.5003, 0.0014, "mm", "period on R"},
-                        {"kc1", 1.734e-4, 9.1e-7, "mm^-2", "camera, eq. 18"}, {"kc2", 1.11e-7, 2.8e-8, "mm^-4", "camera, eq. 18"},
-                        {"kp1", 8.07e-8, 1.3e-9, "mm^-2", "projector, eq. 19"}, {"kp2", -1.9e-14, {}, "mm^-4", "projector, eq. 19"}};
-  c.residuals = {.camera_rms_px = 0.0325, .projector_rms = 0.00021, .projector_unit = "mm", .grid_rms_mm = 0.0118,
-                 .chi2_per_dof = 1.04, .corners_used = 70 * o.poses - 3, .corners_rejected = 3, .poses = o.poses, .iterations = 14};
+  c.paper_parameters = {
+      {"L", 1000.21, 0.11, "mm", "working distance"},         {"b", 400.02, 0.09, "mm", "base line"},
+      {"α", 0.380512, 0.000041, "rad", "tilt of the camera"}, {"p_R", 7.5003, 0.0014, "mm", "period on R"},
+      {"kc1", 1.734e-4, 9.1e-7, "mm^-2", "camera, eq. 18"},   {"kc2", 1.11e-7, 2.8e-8, "mm^-4", "camera, eq. 18"},
+      {"kp1", 8.07e-8, 1.3e-9, "mm^-2", "projector, eq. 19"}, {"kp2", -1.9e-14, {}, "mm^-4", "projector, eq. 19"}};
+  c.residuals = {.camera_rms_px = 0.0325,
+                 .projector_rms = 0.00021,
+                 .projector_unit = "mm",
+                 .grid_rms_mm = 0.0118,
+                 .chi2_per_dof = 1.04,
+                 .corners_used = 70 * o.poses - 3,
+                 .corners_rejected = 3,
+                 .poses = o.poses,
+                 .iterations = 14};
   for (int k = 0; k < o.poses; ++k) c.poses.push_back({fmt::format("board-{:02}", k), true, ""});
-  c.poses.push_back({fmt::format("board-{:02}", o.poses), false, "37 of 70 corners were found; at least 60 are needed"});
+  c.poses.push_back(
+      {fmt::format("board-{:02}", o.poses), false, "37 of 70 corners were found; at least 60 are needed"});
   c.image_width_px = o.width_px;
   c.image_height_px = o.height_px;
   add_residuals(c, o, noise);
@@ -167,7 +199,9 @@ Image<float> deviation(const SyntheticOptions& o, Noise& noise, const ArtefactSi
   for (int y = 2; y < o.height_px - 2; ++y) {
     for (int x = 2; x < o.width_px - 2; ++x) {
       const double rx = (x - 0.5 * o.width_px) / radius, ry = (y - 0.5 * o.height_px) / radius;
-      const double r = size.kind == ArtefactKind::sphere ? std::hypot(rx, ry) : size.kind == ArtefactKind::cylinder ? std::abs(rx) : 0.0;
+      const double r = size.kind == ArtefactKind::sphere     ? std::hypot(rx, ry)
+                       : size.kind == ArtefactKind::cylinder ? std::abs(rx)
+                                                             : 0.0;
       if (r > 0.85) continue;
       const double bow = 0.012 * (rx * rx - 0.3) * (size.kind == ArtefactKind::plane ? 0.3 : 1.0);
       const double ripple = 0.006 * std::sin(8.0 * kPi * x / period_px(o) / 4.0);
@@ -182,10 +216,12 @@ ArtefactSection artefact(const SyntheticOptions& o, Noise& noise, const Artefact
   ArtefactSection a;
   a.name = size.name;
   a.kind = size.kind;
-  a.paper = {.text = round ? "10 times, diameter error < 0.04 mm" : "flat board 800 x 700 mm, 10 times", .error_limit_mm = {},
+  a.paper = {.text = round ? "10 times, diameter error < 0.04 mm" : "flat board 800 x 700 mm, 10 times",
+             .error_limit_mm = {},
              .form_sd_mm = round ? (size.kind == ArtefactKind::cylinder ? 0.035 : 0.034) : 0.028};
   a.verdict = round ? Verdict::met : Verdict::not_met;
-  a.criterion = round ? "|error| < 0.06 mm and form standard deviation < 0.06 mm" : "form standard deviation < 0.028 mm";
+  a.criterion =
+      round ? "|error| < 0.06 mm and form standard deviation < 0.06 mm" : "form standard deviation < 0.028 mm";
   ModelResult full{.model = "full", .max_form_sd_mm = 0.0312, .mean_form_sd_mm = 0.0289};
   for (int k = 0; k < 10; ++k) {
     Repeat r{.form_sd_mm = 0.029 + 0.0009 * noise.normal(), .n_points = 5000, .n_rejected = 12};
@@ -224,13 +260,16 @@ CommissioningReport synthetic_report(const SyntheticOptions& options) {
   r.scanner_name = "chen2008";
   r.virtual_instrument = true;
   r.seed = 7;
-  r.instrument_note = "Every frame of this report was rendered by the preset chen2008; the program was told the certificates, never "
-                      "the truth.";
-  r.provenance = {.version = "0.1.0", .date = "2026-11-22T00:00:00Z",
+  r.instrument_note =
+      "Every frame of this report was rendered by the preset chen2008; the program was told the certificates, never "
+      "the truth.";
+  r.provenance = {.version = "0.1.0",
+                  .date = "2026-11-22T00:00:00Z",
                   .inputs = {{"chen2008.toml", std::string(64, 'a')}, {"board.toml", std::string(64, 'b')}}};
   r.stages = {{"alignment", 9.4}, {"calibration", 31.0}, {"artefacts", 78.2}, {"report", 2.1}};
   r.verdict = Verdict::not_met;
-  r.verdict_text = "Four of five artefacts are within the paper’s figures; the flat board’s form standard deviation is not.";
+  r.verdict_text =
+      "Four of five artefacts are within the paper’s figures; the flat board’s form standard deviation is not.";
   r.verdicts = {{Verdict::met, "The grating is aligned to 0.4 % of a period (tolerance 2 %)."},
                 {Verdict::met, "The board’s grid is reproduced to 12 µm rms."},
                 {Verdict::met, "All diameter errors are below 0.04 mm."},
@@ -241,7 +280,8 @@ CommissioningReport synthetic_report(const SyntheticOptions& options) {
   r.phase_map = phase_map(options);
   r.alignment = alignment(options, noise);
   r.calibration = calibration(options, noise);
-  for (const auto& size : {ArtefactSize{"Flat board", ArtefactKind::plane, 0, 1.0}, ArtefactSize{"Sphere 30 mm", ArtefactKind::sphere, 30, 0.07},
+  for (const auto& size : {ArtefactSize{"Flat board", ArtefactKind::plane, 0, 1.0},
+                           ArtefactSize{"Sphere 30 mm", ArtefactKind::sphere, 30, 0.07},
                            ArtefactSize{"Sphere 38 mm", ArtefactKind::sphere, 38, 0.09},
                            ArtefactSize{"Sphere 50 mm", ArtefactKind::sphere, 50, 0.115},
                            ArtefactSize{"Cylinder 119.85 mm", ArtefactKind::cylinder, 119.85, 0.27}}) {

@@ -1,4 +1,5 @@
-// A plausible CommissioningReport out of formulas and a fixed random sequence: no measurement, for the page's tests only.
+// A plausible CommissioningReport out of formulas and a fixed random sequence: no measurement, for the page's tests
+// only.
 #pragma once
 
 #include "reports/commissioning_report.h"

@@ -1,0 +1,129 @@
+// Value, Fields and the atomic file: what every document of the program stands on.
+#include "core/error.h"
+#include "core/fields.h"
+#include "core/file.h"
+#include "tests/support/temporary_folder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+namespace fringecal {
+namespace {
+
+using test::entries_in;
+using test::message_of;
+using test::TemporaryFolder;
+using testing::AllOf;
+using testing::HasSubstr;
+
+Fields fields_of(const std::string& toml) { return Fields(parse_toml(toml, "plan.toml"), "plan.toml"); }
+
+TEST(Value, NumbersReadBackToTheSameDouble) {
+  for (const double x : {0.1, 1.0 / 3.0, 6.02214076e23, -1e-300, 5e-324, std::numeric_limits<double>::max(), 12.0}) {
+    const Value back = parse_json(to_json(Value::object().set("x", x)), "a");
+    ASSERT_NE(back.find("x")->if_real(), nullptr) << x;  // 12.0 stays a real, not the integer 12
+    EXPECT_EQ(*back.find("x")->if_real(), x);
+  }
+}
+
+TEST(Value, KeysKeepTheirOrderAndTextItsCharacters) {
+  const std::string json = to_json(Value::object().set("z", 1).set("a", "line\n\"quoted\" \\ µ").set("m", true));
+  const Value back = parse_json(json, "a");
+  EXPECT_EQ((*back.if_object())[0].first, "z");
+  EXPECT_EQ(*back.find("a")->if_text(), "line\n\"quoted\" \\ µ");
+  EXPECT_EQ(to_json(back), json);
+}
+
+TEST(Value, NanHasNoJson) {
+  EXPECT_THROW(to_json(Value(std::nan(""))), std::logic_error);
+  EXPECT_THROW(to_json(Value(HUGE_VAL)), std::logic_error);
+}
+
+TEST(Value, ABrokenDocumentIsNamedWithItsLine) {
+  EXPECT_THAT(message_of<InputError>([] { parse_json("{\n\"a\": 1,\n}", "scan.json"); }),
+              AllOf(HasSubstr("scan.json"), HasSubstr("line 3")));
+  EXPECT_THAT(message_of<InputError>([] { parse_toml("a = 1\nb = \n", "plan.toml"); }),
+              AllOf(HasSubstr("plan.toml"), HasSubstr("line 2")));
+}
+
+TEST(Fields, AnUnknownKeyIsRefusedByNameAndPlace) {
+  Fields fields = fields_of("a = 1\n[board]\nb = 2\nc = 3\n");
+  EXPECT_EQ(fields.integer("a"), 1);
+  Fields board = fields.table("board");
+  EXPECT_EQ(board.integer("b"), 2);
+  fields.finish();
+  EXPECT_THAT(message_of<InputError>([&] { board.finish(); }), AllOf(HasSubstr("plan.toml: board"), HasSubstr("'c'")));
+  board.ignore("c");
+  board.finish();
+}
+
+TEST(Fields, ARenamedKeyIsRefusedWithItsNewName) {
+  Fields fields = fields_of("pitch = 1.0\n");
+  EXPECT_THAT(message_of<InputError>([&] { fields.refuse_renamed("pitch", "pitch_mm"); }),
+              AllOf(HasSubstr("'pitch'"), HasSubstr("'pitch_mm'")));
+}
+
+TEST(Fields, AWrongKindIsRefusedWithWhatWasFound) {
+  Fields fields = fields_of("t = \"x\"\nr = 1.5\ni = 2\nl = [1, \"x\"]\nn = nan\n");
+  EXPECT_THAT(message_of<InputError>([&] { fields.number("t"); }), AllOf(HasSubstr("'t'"), HasSubstr("a text")));
+  EXPECT_THAT(message_of<InputError>([&] { fields.integer("r"); }), HasSubstr("whole number"));
+  EXPECT_THAT(message_of<InputError>([&] { fields.text("i"); }), HasSubstr("a whole number"));
+  EXPECT_THAT(message_of<InputError>([&] { fields.numbers("l"); }), HasSubstr("'l'"));
+  EXPECT_THAT(message_of<InputError>([&] { fields.number("n"); }), HasSubstr("finite"));
+  EXPECT_THAT(message_of<InputError>([&] { fields.number("missing"); }), HasSubstr("'missing' is missing"));
+  EXPECT_EQ(fields.number("i"), 2.0);
+  EXPECT_FALSE(fields.optional_number("absent").has_value());
+}
+
+TEST(Sha256, AgreesWithTheStandardsExample) {
+  // FIPS 180-4, example of one block: "abc".
+  EXPECT_EQ(sha256_hex("abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+}
+
+TEST(WriteAtomically, ReplacesTheOldFileAndLeavesNoOther) {
+  const TemporaryFolder folder;
+  write_atomically(folder / "sub/a.txt", "one");
+  write_atomically(folder / "sub/a.txt", "two");
+  EXPECT_EQ(read_bytes(folder / "sub/a.txt"), "two");
+  EXPECT_EQ(entries_in(folder / "sub"), 1u);
+}
+
+TEST(WriteAtomically, AFolderThatCannotBeIsTheMachinesFault) {
+  const TemporaryFolder folder;
+  folder.write("file", "x");
+  EXPECT_THAT(message_of<EnvironmentError>([&] { write_atomically(folder / "file/a.txt", "one"); }),
+              HasSubstr("cannot be written"));
+}
+
+TEST(ReadBytes, NamesAMissingFileAndAFolder) {
+  const TemporaryFolder folder;
+  EXPECT_THAT(message_of<InputError>([&] { read_bytes(folder / "a"); }), HasSubstr("no such file"));
+  EXPECT_THAT(message_of<InputError>([&] { read_bytes(folder.path()); }), HasSubstr("this is a folder"));
+}
+
+TEST(FolderTransaction, WithoutCommitNothingStays) {
+  const TemporaryFolder folder;
+  {
+    const FolderTransaction transaction(folder / "out");
+    write_atomically(transaction.working() / "a", "x");
+  }
+  EXPECT_EQ(entries_in(folder.path()), 0u);
+}
+
+TEST(FolderTransaction, CommitReplacesTheOldFolderWhole) {
+  const TemporaryFolder folder;
+  write_atomically(folder / "out/old", "x");
+  FolderTransaction transaction(folder / "out/");
+  write_atomically(transaction.working() / "new", "y");
+  EXPECT_EQ(entries_in(folder / "out"), 1u);
+  transaction.commit();
+  EXPECT_EQ(read_bytes(folder / "out/new"), "y");
+  EXPECT_EQ(entries_in(folder / "out"), 1u);
+  EXPECT_EQ(entries_in(folder.path()), 1u);
+}
+
+}  // namespace
+}  // namespace fringecal
