@@ -15,5 +15,9 @@ void add_measure(CLI::App& app);
 void add_fit(CLI::App& app);
 void add_render(CLI::App& app);
 void add_commission(CLI::App& app);
+void add_capture(CLI::App& app);
+void add_devices(CLI::App& app);
+void add_live(CLI::App& app);
+void add_virtual(CLI::App& app);
 
 }  // namespace fringecal::cli

@@ -1,8 +1,12 @@
 // fringecal: the command. Exceptions of the library become one sentence and an exit code here, and nowhere else.
-//   0 done; 1 a defect of the program itself; 2 the input cannot be used; 3 the machine failed.
+//   0 done; 1 a defect of the program itself; 2 the input cannot be used; 3 the machine failed, or a device;
+//   130 stopped by Ctrl-C, safely, and to be continued by the same command.
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/provenance.h"
+#include "hw/camera.h"
+#include "hw/capture_sequence.h"
+#include "hw/plc.h"
 
 #include <CLI/CLI.hpp>
 
@@ -23,6 +27,10 @@ int main(int argc, char** argv) {
   cli::add_fit(app);
   cli::add_import(app);
   cli::add_decode(app);
+  cli::add_capture(app);
+  cli::add_live(app);
+  cli::add_devices(app);
+  cli::add_virtual(app);
   cli::add_render(app);
   try {
     app.parse(argc, argv);
@@ -34,6 +42,21 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "fringecal: %s\n", e.what());
     return 2;
   } catch (const EnvironmentError& e) {
+    std::fprintf(stderr, "fringecal: %s\n", e.what());
+    return 3;
+  } catch (const hw::CaptureStopped& e) {
+    std::fprintf(stderr, "fringecal: %s\n", e.what());
+    return 130;
+  } catch (const hw::CameraLost& e) {
+    std::fprintf(stderr, "fringecal: %s\n", e.what());
+    return 3;
+  } catch (const hw::FrameLost& e) {
+    std::fprintf(stderr, "fringecal: %s\n", e.what());
+    return 3;
+  } catch (const hw::PlcLost& e) {
+    std::fprintf(stderr, "fringecal: %s\n", e.what());
+    return 3;
+  } catch (const hw::PlcFault& e) {
     std::fprintf(stderr, "fringecal: %s\n", e.what());
     return 3;
   } catch (const std::filesystem::filesystem_error& e) {

@@ -106,19 +106,6 @@ void for_each_frame(std::size_t count, const Work& work) {
   }
 }
 
-/// A capture may replace a capture, and nothing else of the user's.
-void refuse_foreign_folder(const fs::path& folder) {
-  std::error_code error;
-  if (!fs::exists(folder, error)) return;
-  if (!fs::is_directory(folder, error)) {
-    throw InputError(fmt::format("{}: this is a file; name a folder for the capture", folder.string()));
-  }
-  if (!fs::is_empty(folder, error) && !fs::exists(folder / kFileName, error)) {
-    throw InputError(
-        fmt::format("{}: this folder holds something that is not a capture; name a new folder", folder.string()));
-  }
-}
-
 }  // namespace
 
 std::string defect_of_frame(const GrayImage& image, int width_px, int height_px, int bits) {
@@ -191,6 +178,28 @@ Capture read_capture(const fs::path& folder) {
   return capture;
 }
 
+void refuse_foreign_folder(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(folder, error)) return;
+  if (!fs::is_directory(folder, error)) {
+    throw InputError(fmt::format("{}: this is a file; name a folder for the capture", folder.string()));
+  }
+  if (!fs::is_empty(folder, error) && !fs::exists(folder / kFileName, error)) {
+    throw InputError(
+        fmt::format("{}: this folder holds something that is not a capture; name a new folder", folder.string()));
+  }
+}
+
+std::string frame_file_name(std::size_t k, const Pattern& pattern) {
+  std::string name = describe(pattern);
+  std::replace(name.begin(), name.end(), ' ', '_');
+  return fmt::format("{:02}_{}.png", k, name);
+}
+
+void write_capture_info(const fs::path& folder, const CaptureInfo& info) {
+  write_atomically(folder / kFileName, to_json(to_value(info)));
+}
+
 void write_capture(const fs::path& folder, Capture& capture) {
   CaptureInfo& info = capture.info;
   require(!capture.frames.empty() && capture.frames.size() == info.frames.size() &&
@@ -203,14 +212,12 @@ void write_capture(const fs::path& folder, Capture& capture) {
     require(frame.pattern == info.plan.patterns[k], "the frames stand in the order of the plan");
     require(defect_of_frame(capture.frames[k], info.width_px, info.height_px, info.bits).empty(),
             "the frames have the size and depth that the capture states");
-    std::string name = describe(frame.pattern);
-    std::replace(name.begin(), name.end(), ' ', '_');
-    frame.file = fmt::format("{:02}_{}.png", k, name);
+    frame.file = frame_file_name(k, frame.pattern);
     const std::string bytes = encode_png(capture.frames[k]);
     frame.sha256 = sha256_hex(bytes);
     write_atomically(transaction.working() / frame.file, bytes);
   });
-  write_atomically(transaction.working() / kFileName, to_json(to_value(info)));
+  write_capture_info(transaction.working(), info);
   transaction.commit();
   capture.folder = folder;
 }

@@ -55,6 +55,13 @@ void read_notes(Fields& fields, CaptureInfo& info);
 /// a sentence that begins with the frame.
 std::string defect_of_frame(const GrayImage& image, int width_px, int height_px, int bits);
 
+/// The name of frame k's image in a capture folder: "03_gray_3.png".
+std::string frame_file_name(std::size_t k, const Pattern& pattern);
+/// Writes capture.json alone, for a folder whose frames are already there under the names and hashes that it states.
+void write_capture_info(const std::filesystem::path& folder, const CaptureInfo& info);
+/// A capture may replace a capture; throws InputError where anything else of the user's stands under that name.
+void refuse_foreign_folder(const std::filesystem::path& folder);
+
 /// Writes the frames (PNG, fast lossless compression) and capture.json into a folder that appears only when complete.
 /// Fills in the frames' file names and hashes. Throws EnvironmentError; nothing half-written stays. A capture that is
 /// already there is replaced; any other folder that is not empty is refused (InputError).

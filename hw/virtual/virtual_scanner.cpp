@@ -130,6 +130,7 @@ struct VirtualScanner::Instance {
   double drift(const InstrumentState& state) const {
     return 1.0 - std::exp(-std::max(state.minutes_since_start, 0.0) / preset.drift.time_constant_min);
   }
+  std::vector<Exposure> exposures(const InstrumentState& state, double theta_rad, std::uint64_t stack_seed) const;
   // The slot at which the phase's wrap stands.
   double reference_slot() const {
     return (preset.grating.gray_first ? plan.x->gray_bits : 0) + 0.5 * plan.x->phase_steps;
@@ -142,30 +143,58 @@ VirtualScanner::VirtualScanner(const std::string& preset, std::uint64_t instrume
 VirtualScanner::~VirtualScanner() = default;
 VirtualScanner::VirtualScanner(VirtualScanner&&) noexcept = default;
 
-Capture VirtualScanner::capture(const Scene& scene, const InstrumentState& state, std::uint64_t stack_seed) const {
+struct SeenScene {
+  LightField field;
+};
+
+std::shared_ptr<const SeenScene> VirtualScanner::see(const Scene& scene, const InstrumentState& state) const {
   const Instance& in = *instance_;
   std::vector<Solid> solids;
   for (const SceneObject& object : scene.objects) solids.emplace_back(object, in.preset, in.seed);
   const model::Scanner scanner = true_scanner(state);
-  const LightField field = light_field(solids, in.rays, {scanner, preset_from_cam(state)}, in.preset);
+  return std::make_shared<const SeenScene>(light_field(solids, in.rays, {scanner, preset_from_cam(state)}, in.preset));
+}
 
-  const double sine = std::sin(true_theta_rad(state));
-  Stream slide(stack_seed, "slide"), flicker(stack_seed, "flicker");
-  std::vector<Exposure> exposures;
-  for (std::size_t s = 0; s < in.plan.patterns.size(); ++s) {
-    const double across_mm = in.preset.slide.across_mm * slide.normal();
+std::vector<Exposure> VirtualScanner::Instance::exposures(const InstrumentState& state, double theta_rad,
+                                                          std::uint64_t stack_seed) const {
+  const double sine = std::sin(theta_rad);
+  Stream slide_draws(stack_seed, "slide"), flicker(stack_seed, "flicker");
+  std::vector<Exposure> out;
+  for (std::size_t s = 0; s < plan.patterns.size(); ++s) {
+    const double across_mm = preset.slide.across_mm * slide_draws.normal();
     const double along_mm =
-        static_cast<double>(s) * in.preset.grating.pattern_pitch_mm + in.preset.slide.along_mm * slide.normal();
+        static_cast<double>(s) * preset.grating.pattern_pitch_mm + preset.slide.along_mm * slide_draws.normal();
     Exposure e;
-    e.pattern = in.plan.patterns[s];
-    e.offset_mm = (in.reference_slot() * in.preset.grating.pattern_pitch_mm - along_mm) * sine + in.fixed_offset_mm[s] +
+    e.pattern = plan.patterns[s];
+    e.offset_mm = (reference_slot() * preset.grating.pattern_pitch_mm - along_mm) * sine + fixed_offset_mm[s] +
                   across_mm;  // eq. 1
-    e.ambient = state.exposure * in.preset.light.ambient;
-    e.light_factor = state.exposure * (1.0 + in.preset.light.flicker * flicker.normal());
+    e.ambient = state.exposure * preset.light.ambient;
+    e.light_factor = state.exposure * (1.0 + preset.light.flicker * flicker.normal());
     e.noise_key = key_of(stack_seed, fmt::format("noise of frame {}", s));
-    exposures.push_back(e);
+    out.push_back(e);
   }
+  return out;
+}
 
+GrayImage VirtualScanner::frame(const SeenScene& seen, const InstrumentState& state, std::uint64_t stack_seed,
+                                const Lighting& lighting) const {
+  const Instance& in = *instance_;
+  Exposure e;
+  if (lighting.pattern) {
+    require(*lighting.pattern < in.plan.patterns.size(), "the plan has this pattern");
+    e = in.exposures(state, true_theta_rad(state), stack_seed)[*lighting.pattern];
+    e.light_factor *= lighting.lamp;
+  } else {
+    e.pattern = in.plan.patterns.front();
+    e.light_factor = 0;
+    e.ambient = state.exposure * in.preset.light.ambient;
+    e.noise_key = key_of(stack_seed, "noise without a pattern");
+  }
+  return in.sensor.take(seen.field, in.grating, {e}).front();
+}
+
+Capture VirtualScanner::capture(const Scene& scene, const InstrumentState& state, std::uint64_t stack_seed) const {
+  const Instance& in = *instance_;
   Capture out;
   out.info.plan = in.plan;
   for (const Pattern& pattern : in.plan.patterns) out.info.frames.push_back({"", pattern, "", ""});
@@ -177,11 +206,12 @@ Capture VirtualScanner::capture(const Scene& scene, const InstrumentState& state
   out.info.devices["camera"] = fmt::format("virtual {} {}", in.preset.name, in.seed);
   out.info.devices["projector"] = out.info.devices["camera"];
   out.info.source = fmt::format("virtual {}, instrument seed {}, stack seed {}", in.preset.name, in.seed, stack_seed);
-  out.frames = in.sensor.take(field, in.grating, exposures);
+  out.frames =
+      in.sensor.take(see(scene, state)->field, in.grating, in.exposures(state, true_theta_rad(state), stack_seed));
   return out;
 }
 
-void VirtualScanner::turn_adjuster(double turn_mrad, InstrumentState& state) {
+void VirtualScanner::turn_adjuster(double turn_mrad, InstrumentState& state) const {
   const auto& a = instance_->preset.assembly;
   const double turn = std::round(turn_mrad / a.adjuster_resolution_mrad) * a.adjuster_resolution_mrad;
   state.adjuster_mrad += turn;
@@ -191,6 +221,10 @@ void VirtualScanner::turn_adjuster(double turn_mrad, InstrumentState& state) {
 
 const PatternPlan& VirtualScanner::plan() const { return instance_->plan; }
 double VirtualScanner::pattern_pitch_mm() const { return instance_->preset.grating.pattern_pitch_mm; }
+CameraData VirtualScanner::camera_data() const {
+  const auto& c = instance_->preset.camera;
+  return {c.width_px, c.height_px, c.bits, c.exposure_ms};
+}
 double VirtualScanner::pixel_mm() const { return instance_->preset.camera.pixel_mm; }
 double VirtualScanner::design_working_distance_mm() const { return instance_->preset.geometry.working_distance_mm; }
 int VirtualScanner::calibration_scenes() const { return static_cast<int>(instance_->preset.calibration.places.size()); }

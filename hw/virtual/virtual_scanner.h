@@ -52,6 +52,21 @@ struct PresetOverrides {
   std::optional<int> bits;           // 8 or 12
 };
 
+/// What is in the light path when a frame is taken.
+struct Lighting {
+  std::optional<std::size_t> pattern;  // of the plan; absent: none (parked, between two patterns), the light is blocked
+  double lamp = 1;                     // factor on its light; 0: off, only the ambient light is left
+};
+
+/// What the camera sees of a scene, apart from the patterns. It depends on the scene and on the drift.
+struct SeenScene;
+
+/// Data sheet of the camera.
+struct CameraData {
+  int width_px = 0, height_px = 0, bits = 8;
+  double exposure_ms = 0;  // at which `exposure` is 1
+};
+
 class VirtualScanner {
  public:
   /// preset: "chen2008" (built in) or a TOML file. instrument_seed: draws what is fixed for one instrument (lithography
@@ -63,14 +78,21 @@ class VirtualScanner {
   /// One stack of all patterns of the plan. stack_seed: noise, step errors, flicker of this stack.
   Capture capture(const Scene& scene, const InstrumentState& state, std::uint64_t stack_seed) const;
 
+  /// The same frames, one at a time and in any order: the frame of a pattern depends on scene, state, seed and pattern
+  /// only, so a frame taken again is the same frame, and the frames of a stack are those of capture().
+  std::shared_ptr<const SeenScene> see(const Scene& scene, const InstrumentState& state) const;
+  GrayImage frame(const SeenScene& seen, const InstrumentState& state, std::uint64_t stack_seed,
+                  const Lighting& lighting) const;
+
   /// Turns the adjuster, +x for +x in theta, with its resolution, scale error and backlash (turning on after a reversal
   /// does nothing at first; a new instrument is engaged for negative turns). The operator sees the effect in the next
   /// stack.
-  void turn_adjuster(double turn_mrad, InstrumentState& state);
+  void turn_adjuster(double turn_mrad, InstrumentState& state) const;
 
   const PatternPlan& plan() const;
   /// The pitch of the patterns along the slide (on the grating's data sheet).
   double pattern_pitch_mm() const;
+  CameraData camera_data() const;
   /// Sensor data sheet: side of a pixel.
   double pixel_mm() const;
   double design_working_distance_mm() const;

@@ -1,6 +1,7 @@
 #include "tests/support/program.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -11,6 +12,7 @@
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
+#include <thread>
 
 namespace fringecal::test {
 namespace fs = std::filesystem;
@@ -54,6 +56,68 @@ ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size
   result.output = contents(output);
   result.errors = contents(errors);
   return result;
+}
+
+RunningProgram::RunningProgram(const std::vector<std::string>& arguments) {
+  std::string program = FRINGECAL_PROGRAM;
+  std::vector<std::string> copies = arguments;
+  std::vector<char*> argv = {program.data()};
+  for (auto& a : copies) argv.push_back(a.data());
+  argv.push_back(nullptr);
+  int ends[2];
+  if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("pipe failed");
+  child_ = fork();
+  if (child_ < 0) throw std::runtime_error("fork failed");
+  if (child_ == 0) {
+    dup2(ends[1], STDOUT_FILENO);
+    execv(program.c_str(), argv.data());
+    _exit(127);
+  }
+  close(ends[1]);
+  output_ = ends[0];
+}
+
+RunningProgram::~RunningProgram() {
+  if (child_ > 0) {
+    kill(child_, SIGKILL);
+    waitpid(child_, nullptr, 0);
+  }
+  close(output_);
+}
+
+std::string RunningProgram::line(std::chrono::milliseconds limit) {
+  const auto deadline = std::chrono::steady_clock::now() + limit;
+  for (;;) {
+    if (const auto end = received_.find('\n'); end != std::string::npos) {
+      const std::string out = received_.substr(0, end);
+      received_.erase(0, end + 1);
+      return out;
+    }
+    const auto left =
+        std::chrono::duration_cast<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
+    pollfd p{output_, POLLIN, 0};
+    if (left.count() <= 0 || poll(&p, 1, static_cast<int>(left.count())) <= 0) return "";
+    char part[4096];
+    const ssize_t count = read(output_, part, sizeof part);
+    if (count <= 0) return "";
+    received_.append(part, static_cast<std::size_t>(count));
+  }
+}
+
+void RunningProgram::send(int signal) const {
+  if (child_ > 0) kill(child_, signal);
+}
+
+std::optional<int> RunningProgram::wait(std::chrono::milliseconds limit) {
+  const auto deadline = std::chrono::steady_clock::now() + limit;
+  for (int status = 0;;) {
+    if (waitpid(child_, &status, WNOHANG) == child_) {
+      child_ = -1;
+      return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    }
+    if (std::chrono::steady_clock::now() > deadline) return std::nullopt;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
 }
 
 ScratchFolder::ScratchFolder() {

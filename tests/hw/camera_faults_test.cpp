@@ -1,0 +1,109 @@
+// Exact faults on the way from the camera, each with the exact outcome, against the small device of tests/support.
+#include "hw/aravis_camera.h"
+#include "tests/support/gige_device.h"
+
+#include <gtest/gtest.h>
+
+#include <thread>
+
+namespace {
+
+using namespace fringecal;
+using namespace std::chrono_literals;
+using hw::AravisCamera;
+using test::FrameFault;
+using test::GigeDevice;
+
+constexpr int kWidth = 320, kHeight = 240;  // 10 packets of data at 8192 bytes, leader and trailer: 12
+constexpr auto kLimit = 300ms;
+
+bool shows(const hw::CameraFrame& frame, int trigger) {
+  return std::get<Image8>(frame.image).values() == GigeDevice::picture(trigger, kWidth, kHeight).values();
+}
+
+/// Trigger 0 is the one that opening takes.
+GigeDevice device_with(const std::string& address, int trigger, FrameFault fault) {
+  return {address, kWidth, kHeight, [=](int t) { return t == trigger ? fault : FrameFault{}; }};
+}
+
+TEST(AravisCameraFaults, DroppedPacketsThatAreResentGiveTheFrame) {
+  GigeDevice device = device_with("127.0.0.81", 1, {.drop = {2, 3, 7}});
+  AravisCamera camera({.address = "127.0.0.81"});
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 1));
+  EXPECT_EQ(device.packets_per_frame(), 12);
+  EXPECT_GE(device.packets_resent(), 3);
+  EXPECT_GE(camera.statistics().resend_requests, 2u);  // one for 2 and 3, one for 7
+  EXPECT_EQ(camera.statistics().incomplete, 0u);
+}
+
+TEST(AravisCameraFaults, APacketLostTwiceIsAskedForAgain) {
+  GigeDevice device = device_with("127.0.0.82", 1, {.drop = {5}, .ignored_resends = 1});
+  AravisCamera camera({.address = "127.0.0.82"});
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 1));
+  EXPECT_GE(camera.statistics().resend_requests, 2u);
+}
+
+TEST(AravisCameraFaults, AFrameWithoutAPacketIsLostAndTheNextIsGood) {
+  GigeDevice device = device_with("127.0.0.83", 1, {.drop = {5}, .ignored_resends = 1000});
+  AravisCamera camera({.address = "127.0.0.83"});
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 2));
+  EXPECT_EQ(camera.statistics().incomplete, 1u);
+  EXPECT_EQ(camera.statistics().recounts, 0u);
+}
+
+TEST(AravisCameraFaults, AFrameWithoutLeaderIsNotHandedOver) {
+  GigeDevice device = device_with("127.0.0.84", 1, {.drop = {0}, .ignored_resends = 1000});
+  AravisCamera camera({.address = "127.0.0.84"});
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 2));
+}
+
+TEST(AravisCameraFaults, ALateFrameThatIsThereBeforeTheNextTriggerIsThrownAway) {
+  GigeDevice device = device_with("127.0.0.85", 1, {.delay = kLimit + 50ms});
+  AravisCamera camera({.address = "127.0.0.85"});
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  std::this_thread::sleep_for(150ms);
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 2));
+  EXPECT_EQ(camera.statistics().late_or_double, 1u);
+  EXPECT_EQ(camera.statistics().recounts, 0u);
+}
+
+TEST(AravisCameraFaults, ALateFrameThatComesBehindTheNextOneIsThrownAway) {
+  GigeDevice device = device_with("127.0.0.86", 1, {.delay = kLimit + 50ms});
+  AravisCamera camera({.address = "127.0.0.86"});
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 2));
+  std::this_thread::sleep_for(150ms);
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 3));
+  EXPECT_EQ(camera.statistics().recounts, 0u);
+}
+
+TEST(AravisCameraFaults, AFrameSentTwiceIsHandedOverOnce) {
+  GigeDevice device = device_with("127.0.0.87", 1, {.sent_twice = true});
+  AravisCamera camera({.address = "127.0.0.87"});
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 1));
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 2));
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 3));
+}
+
+// The count is one ahead of the camera's after that: the frame of trigger 2 looks like a late one of trigger 1 and is
+// thrown away rather than believed; then the count is taken anew with one trigger, number 3.
+TEST(AravisCameraFaults, ATriggerThatTheCameraIgnoredLeadsToANewCountAndNoWrongFrame) {
+  GigeDevice device = device_with("127.0.0.88", 1, {.trigger_ignored = true});
+  AravisCamera camera({.address = "127.0.0.88"});
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 4));
+  EXPECT_EQ(camera.statistics().recounts, 1u);
+}
+
+TEST(AravisCameraFaults, ADeafCameraIsLostNotWaitedForForever) {
+  GigeDevice device = device_with("127.0.0.89", 1, {.answers_nothing = true});
+  AravisCamera camera({.address = "127.0.0.89"});
+  const auto begin = std::chrono::steady_clock::now();
+  EXPECT_THROW(camera.take_frame(kLimit), hw::CameraLost);
+  EXPECT_LT(std::chrono::steady_clock::now() - begin, 6s);  // 6 time-outs of 0.5 s, twice that on a busy machine
+}
+
+}  // namespace

@@ -1,0 +1,243 @@
+// The virtual scanner as a process, and the commands of the program against it over the real protocols. The instrument
+// is chen2008 with a sixteenth of its pixels, each four times as large.
+#include "core/capture.h"
+#include "core/file.h"
+#include "core/value.h"
+#include "hw/virtual/preset.h"
+#include "hw/virtual/virtual_scanner.h"
+#include "tests/support/program.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <cstdlib>
+#include <thread>
+#include <type_traits>
+
+namespace {
+
+using namespace fringecal;
+using namespace std::chrono_literals;
+using test::run_fringecal;
+using test::RunningProgram;
+using testing::HasSubstr;
+
+bool same_bytes(const std::vector<GrayImage>& a, const std::vector<GrayImage>& b) {
+  const auto same = [](const GrayImage& one, const GrayImage& other) {
+    return std::visit(
+        [&](const auto& image) {
+          const auto* partner = std::get_if<std::decay_t<decltype(image)>>(&other);
+          return partner && partner->width() == image.width() && partner->values() == image.values();
+        },
+        one);
+  };
+  return std::equal(a.begin(), a.end(), b.begin(), b.end(), same);
+}
+
+class VirtualProcess : public testing::Test {
+ protected:
+  VirtualProcess() {
+    std::string text = virt::built_in_preset_text();
+    const auto replace = [&](const std::string& key, const std::string& value) {
+      const auto at = text.find("\n" + key + " = ");
+      if (at == std::string::npos) throw std::runtime_error(key);
+      const auto end = text.find('\n', at + 1);
+      text.replace(at, end - at, "\n" + key + " = " + value);
+    };
+    replace("width_px", "348");
+    replace("height_px", "260");
+    replace("pixel_mm", "0.0258");
+    write_atomically(preset(), text);
+  }
+
+  std::string preset() const { return (scratch / "small.toml").string(); }
+  std::string scanner_file() const { return (scratch / "scanner.toml").string(); }
+  std::vector<std::string> serve(const std::string& address, std::vector<std::string> more = {}) const {
+    std::vector<std::string> out = {"virtual",   "--preset", preset(),         "--seed",      "7",
+                                    "--address", address,    "--scanner-file", scanner_file()};
+    out.insert(out.end(), more.begin(), more.end());
+    return out;
+  }
+  std::vector<std::string> capture(const std::string& name, std::vector<std::string> more = {}) const {
+    std::vector<std::string> out = {"capture",    "--scanner", scanner_file(), "-o", (scratch / name).string(),
+                                    "--exposure", "20"};
+    out.insert(out.end(), more.begin(), more.end());
+    return out;
+  }
+  /// The frames as the simulation gives them without any wire.
+  std::vector<GrayImage> rendered(const std::string& scene, std::uint64_t stack_seed, int bits = 8) const {
+    const virt::VirtualScanner scanner(preset(), 7, {.theta_mrad = {}, .bits = bits});
+    return scanner.capture(scanner.standard_scene(scene), {}, stack_seed).frames;
+  }
+
+  test::ScratchFolder scratch;
+};
+
+TEST_F(VirtualProcess, ACaptureHasTheBytesOfTheSimulation) {
+  RunningProgram scanner(serve("127.0.0.101"));
+  ASSERT_THAT(scanner.line(), HasSubstr("modbus-tcp://127.0.0.101:"));
+  const auto result = run_fringecal(capture("stack", {"--scene", "plane 0", "--stack-seed", "5", "--json"}));
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  const Capture got = read_capture(scratch / "stack");
+  EXPECT_EQ(got.info.bits, 8);
+  EXPECT_TRUE(same_bytes(got.frames, rendered("plane 0", 5)));
+}
+
+TEST_F(VirtualProcess, TwelveBitsPassUnchanged) {
+  RunningProgram scanner(serve("127.0.0.102", {"--bits", "12"}));
+  ASSERT_NE(scanner.line(), "");
+  const auto result = run_fringecal(capture("stack", {"--scene", "spheres 1", "--stack-seed", "6"}));
+  ASSERT_EQ(result.exit_code, 0) << result.errors;
+  const Capture got = read_capture(scratch / "stack");
+  EXPECT_EQ(got.info.bits, 12);
+  EXPECT_TRUE(same_bytes(got.frames, rendered("spheres 1", 6, 12)));
+}
+
+TEST_F(VirtualProcess, AScannerKilledInMidStackAndStartedAgainLeavesNoTraceInTheFrames) {
+  const std::vector<std::string> command =
+      serve("127.0.0.103", {"--plc-port", "15020", "--scene", "plane 1", "--stack-seed", "5", "--motion", "60"});
+  auto scanner = std::make_unique<RunningProgram>(command);
+  ASSERT_NE(scanner->line(), "");
+  RunningProgram client(capture("stack"));
+  const auto partial = scratch / "stack.partial";
+  for (int i = 0; i < 4000 && test::listing(partial).size() < 4; ++i) std::this_thread::sleep_for(5ms);
+  scanner->send(SIGKILL);
+  scanner->wait();
+  EXPECT_FALSE(std::filesystem::exists(scratch / "stack"));
+  scanner = std::make_unique<RunningProgram>(command);
+  ASSERT_NE(scanner->line(), "");
+  EXPECT_EQ(client.wait(), 0);
+  EXPECT_TRUE(same_bytes(read_capture(scratch / "stack").frames, rendered("plane 1", 5)));
+}
+
+TEST_F(VirtualProcess, SigtermEndsItCleanlyAndTheAddressIsFreeAgain) {
+  for (int round = 0; round < 2; ++round) {
+    RunningProgram scanner(serve("127.0.0.104", {"--truth", (scratch / "truth.json").string()}));
+    ASSERT_NE(scanner.line(), "");
+    scanner.send(SIGTERM);
+    EXPECT_EQ(scanner.wait(10s), 0);
+    EXPECT_TRUE(std::filesystem::exists(scratch / "truth.json"));
+  }
+}
+
+TEST_F(VirtualProcess, ItEndsWithTheProgramThatStartedIt) {
+  const auto out = scratch / "out";
+  const pid_t parent = fork();
+  if (parent == 0) {
+    RunningProgram scanner(serve("127.0.0.105"));
+    write_atomically(out, scanner.line());
+    _exit(0);  // no destructor runs: the scanner is left behind
+  }
+  waitpid(parent, nullptr, 0);
+  const Value ready = parse_json(read_bytes(out), "the ready line");
+  const auto* pid = ready.find("pid")->if_integer();
+  ASSERT_NE(pid, nullptr);
+  bool gone = false;
+  for (int i = 0; i < 1000 && !gone; ++i) {
+    const std::string state = "/proc/" + std::to_string(*pid) + "/stat";
+    std::FILE* file = std::fopen(state.c_str(), "r");
+    char letter = 'Z';  // a zombie that nobody waits for is gone, too
+    if (file && std::fscanf(file, "%*d %*s %c", &letter) != 1) letter = '?';
+    if (file) std::fclose(file);
+    gone = letter == 'Z';
+    if (!gone) std::this_thread::sleep_for(10ms);
+  }
+  EXPECT_TRUE(gone);
+}
+
+TEST_F(VirtualProcess, ASecondOneOnTheSameAddressSaysSo) {
+  RunningProgram scanner(serve("127.0.0.106"));
+  ASSERT_NE(scanner.line(), "");
+  const auto second = run_fringecal(serve("127.0.0.106"));
+  EXPECT_EQ(second.exit_code, 3);
+  EXPECT_THAT(second.errors, HasSubstr("127.0.0.106"));
+  RunningProgram beside(serve("127.0.0.107"));
+  EXPECT_NE(beside.line(), "");
+}
+
+TEST_F(VirtualProcess, DevicesTellsWhatAnswersAndWhatDoesNot) {
+  RunningProgram scanner(serve("127.0.0.108", {"--packet-loss", "0.01"}));
+  ASSERT_NE(scanner.line(), "");
+  const auto found = run_fringecal({"devices", "--scanner", scanner_file(), "--frames", "40", "--json"});
+  ASSERT_EQ(found.exit_code, 0) << found.errors;
+  const Value json = parse_json(found.output, "devices");
+  const Value* camera = json.find("camera");
+  ASSERT_NE(camera, nullptr);
+  EXPECT_EQ(*camera->find("width_px")->if_integer(), 348);
+  EXPECT_EQ(*camera->find("packet_size_bytes")->if_integer(), 8192);
+  // 14 packets a frame: of 560 packets none lost at 1 % has the chance 0.4 %.
+  EXPECT_GT(*camera->find("packets_lost")->if_integer(), 0);
+  EXPECT_EQ(*camera->find("frames_whole")->if_integer() + *camera->find("frames_incomplete")->if_integer() +
+                *camera->find("frames_missing")->if_integer(),
+            40);
+  EXPECT_NE(json.find("plc"), nullptr);
+  const auto nothing = run_fringecal({"devices", "--camera", "127.0.0.99", "--frames", "1"});
+  EXPECT_EQ(nothing.exit_code, 3);
+  EXPECT_THAT(nothing.errors, HasSubstr("127.0.0.99"));
+  EXPECT_THAT(nothing.errors, HasSubstr("nothing answers"));
+  EXPECT_EQ(run_fringecal({"devices", "--camera", "my-camera"}).exit_code, 2);
+}
+
+TEST_F(VirtualProcess, LiveShowsFiguresAndLeavesTheScannerDark) {
+  RunningProgram scanner(serve("127.0.0.109", {"--scene", "plane 0"}));
+  ASSERT_NE(scanner.line(), "");
+  const auto live = run_fringecal({"live", "--scanner", scanner_file(), "--pattern", "10", "--frames", "5"});
+  ASSERT_EQ(live.exit_code, 0) << live.errors;
+  EXPECT_THAT(live.output, HasSubstr("sharpness"));
+  const auto after = run_fringecal({"devices", "--scanner", scanner_file(), "--frames", "0"});
+  EXPECT_THAT(after.output, HasSubstr("idle"));
+  EXPECT_THAT(after.output, HasSubstr("lamp off"));
+}
+
+struct Outcome {
+  int status = -1;
+  std::string output;
+};
+
+Outcome run(const std::string& command) {
+  Outcome outcome;
+  std::FILE* pipe = ::popen((command + " 2>&1").c_str(), "r");
+  if (!pipe) return outcome;
+  std::array<char, 512> part{};
+  while (std::fgets(part.data(), part.size(), pipe)) outcome.output += part.data();
+  outcome.status = ::pclose(pipe);
+  return outcome;
+}
+
+bool installed(const std::string& program) {
+  return std::system(("command -v " + program + " >/dev/null").c_str()) == 0;
+}
+
+TEST_F(VirtualProcess, ArvToolReadsAndWritesItsFeatures) {
+  if (!installed("arv-tool-0.8")) GTEST_SKIP() << "arv-tool-0.8 is not installed: apt-get install aravis-tools-cli";
+  RunningProgram scanner(serve("127.0.0.110"));
+  ASSERT_NE(scanner.line(), "");
+  const Outcome read = run("arv-tool-0.8 -a 127.0.0.110 control DeviceModelName Width Height PixelFormat");
+  EXPECT_THAT(read.output, HasSubstr("fringecal virtual scanner"));
+  EXPECT_THAT(read.output, HasSubstr("Width = 348"));
+  EXPECT_THAT(read.output, HasSubstr("Height = 260"));
+  EXPECT_THAT(read.output, HasSubstr("PixelFormat = Mono8"));
+  run("arv-tool-0.8 -a 127.0.0.110 control ExposureTimeAbs=12345");
+  EXPECT_THAT(run("arv-tool-0.8 -a 127.0.0.110 control ExposureTimeAbs").output, HasSubstr("12345"));
+}
+
+TEST_F(VirtualProcess, ArvCameraTestGrabsFrames) {
+  if (!installed("arv-camera-test-0.8")) {
+    GTEST_SKIP() << "arv-camera-test-0.8 is not installed: apt-get install aravis-tools";
+  }
+  RunningProgram scanner(serve("127.0.0.111"));
+  ASSERT_NE(scanner.line(), "");
+  const Outcome grab =
+      run("arv-camera-test-0.8 -n 127.0.0.111 -o 20 --duration=2 --no-packet-socket -a -j never -i 8192");
+  const auto at = grab.output.find("n_completed_buffers");
+  ASSERT_NE(at, std::string::npos) << grab.output;
+  EXPECT_GT(std::atoi(grab.output.c_str() + grab.output.find('=', at) + 1), 0) << grab.output;
+}
+
+}  // namespace
