@@ -121,8 +121,9 @@ TEST_F(Procam, RobustJointSolveReproducesTheGrid) {
   EXPECT_LT(found->residuals.corners_rejected, 315 / 4);
   EXPECT_LT(found->residuals.camera_rms_px, 0.1);
   // A printed board: 0.1 mm; depth from 0.05 projector px at 3100 mm over a base line of 670 mm: 0.05 / 1880 x 3100^2 /
-  // 670 = 0.38 mm in Z. The rms over three coordinates must lie below their sum.
-  EXPECT_LT(found->residuals.grid_rms_mm, 0.5);
+  // 670 = 0.38 mm in Z; for the good corners the sum, 0.48 mm. The figure has all 315 corners: some 9 in the crease are off
+  // by up to 2.5 px of 0.9 mm, which adds sqrt(9 / 315) x 2.2 mm = 0.38 mm in quadrature: 0.61 mm.
+  EXPECT_LT(found->residuals.grid_rms_mm, 0.61);
 }
 
 }  // namespace
