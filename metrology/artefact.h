@@ -2,15 +2,14 @@
 // the paper. Frame `world`, mm.
 //
 // 1. Segments: points whose pixels touch and whose distance in space is below `max_gap_mm` belong together.      (1)
-// 2. Each segment is tried as each wanted shape (robust fit of a thinned set) and given to the nominal that it fits
-// best
-//    by size; a nominal without a segment is an error by name.
+// 2. Each segment is tried as each wanted shape (fit of a thinned set; robust only where no plain fit serves) and given
+//    to the nominal that it fits best by size; a nominal without a segment is an error by name.
 // 3. Grazing points go: with n the normal of the fitted surface, directions c to the camera and l to the projector,
 //      n . c < cos(max_incidence)  or  n . l < cos(max_incidence)                                                 (2)
 //    (camera blur mixes silhouette and background there, and shading gradients shift the phase). The rule looks at the
 //    fitted surface, not at the point's own deviation, so it does not select by noise.
-// 4. Gross errors go: |d| > 6 robust standard deviations (a normal distribution loses 2e-9 of its points). Both
-// counted.
+// 4. Gross errors go: |d| > 6 robust standard deviations (a normal distribution loses 2e-9 of its
+//    points). Both counted.
 // 5. Gaussian least squares of the rest (fitting/fit.h); refitted until the kept set no longer changes.
 // The form standard deviation is the paper's: of the signed distances of the kept points from their own fit.
 // [Chen2008, section 4]

@@ -1,9 +1,7 @@
 // From a phase map and a Scanner file to points: the full ray model, and the paper's closed form beside it.
 //
-// full      The camera pixel gives a ray x(l) = l r in cam (camera.h); the phase gives u (pattern_plan.h); the point
-// is
-//           where the projector model (projector.h, eq. 1) says u: calib/model/triangulate.h. Nothing is
-//           approximated.
+// full      The camera pixel gives a ray x(l) = l r in cam (camera.h); the phase gives u (pattern_plan.h); the point is
+//           where the projector model (projector.h, eq. 1) says u: calib/model/triangulate.h. Nothing is approximated.
 //             u(l) = |du/dl|^-1 (p / 2 pi) u(phi),  l in mm along the ray                                         (1)
 // chen2008  Eqs. 1 to 17 of the paper with eqs. 18 to 20 for both lenses (calib/model/chen2008.h).
 // ideal     Eqs. 1 to 17 alone: no lens distortion. For comparison only; (1) is that of the full model in both.

@@ -1,20 +1,18 @@
 // From the frames of a Capture to phase: Gray code and N-step phase shifting, with the standard uncertainty of each
 // pixel.
 //
-//   wrapped     phi' = atan2(S, C),  S = sum I_k sin(2 pi k / N),  C = sum I_k cos(2 pi k / N)       (1)  [eq. 3 for N
-//   = 4] modulation  B = (2 / N) sqrt(S^2 + C^2),   mean A = (1 / N) sum I_k                              (2) absolute
-//   phi = 2 pi m + phi',  m from the Gray code                                           (3)  [Chen2008, eq. 4] noise
-//   u(phi') = sqrt(2 / N) sigma / B, sigma the grey-level noise at that pixel's level    (4)
+//   wrapped     phi' = atan2(S, C),  S = sum I_k sin(2 pi k / N),  C = sum I_k cos(2 pi k / N)   (1)  [eq. 3 for N = 4]
+//   modulation  B = (2 / N) sqrt(S^2 + C^2),   mean A = (1 / N) sum I_k                          (2)
+//   absolute    phi = 2 pi m + phi',  m from the Gray code                                       (3)  [Chen2008, eq. 4]
+//   noise       u(phi') = sqrt(2 / N) sigma / B, sigma the grey-level noise at that pixel        (4)
 // A Gray bit is decided per pixel against the best reference that the plan has: its inverse; else the mean A of the
 // phase patterns; else the mean of white and black. A plan without phase patterns gives phi at the middle of the stripe
 // (5) with u(phi) = stripe / sqrt(12).
 //
 // Two results from the same frames (EdgeRule):
-//   plain      m straight from the code: at a period edge the least error of the Gray edge shows as a jump of 2 pi.
-//   This
+//   plain      m straight from the code: at a period edge the least error of the Gray edge shows as a jump of 2 pi. This
 //              is what the grating alignment measures; it must not be hidden.
-//   redundant  at a period edge the code's own redundancy decides which side of the edge a pixel is on: with two
-//   stripes
+//   redundant  at a period edge the code's own redundancy decides which side of the edge a pixel is on: with two stripes
 //              per period the half in which the code says the pixel lies; with one, the Gray bit nearest to its
 //              threshold. For measuring. No neighbouring pixel is asked: each pixel stands alone.
 #pragma once
