@@ -3,8 +3,8 @@
 #include "core/capture.h"
 #include "core/file.h"
 #include "core/value.h"
-#include "hw/virtual/preset.h"
-#include "hw/virtual/virtual_scanner.h"
+#include "tests/hw/virtual_support.h"
+#include "tests/support/other_programs.h"
 #include "tests/support/program.h"
 
 #include <gmock/gmock.h>
@@ -14,7 +14,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <thread>
@@ -24,7 +23,9 @@ namespace {
 
 using namespace fringecal;
 using namespace std::chrono_literals;
+using test::installed;
 using test::run_fringecal;
+using test::run_in_shell;
 using test::RunningProgram;
 using testing::HasSubstr;
 
@@ -42,21 +43,7 @@ bool same_bytes(const std::vector<GrayImage>& a, const std::vector<GrayImage>& b
 
 class VirtualProcess : public testing::Test {
  protected:
-  VirtualProcess() {
-    std::string text = virt::built_in_preset_text();
-    const auto replace = [&](const std::string& key, const std::string& value) {
-      const auto at = text.find("\n" + key + " = ");
-      if (at == std::string::npos) throw std::runtime_error(key);
-      const auto end = text.find('\n', at + 1);
-      text.replace(at, end - at, "\n" + key + " = " + value);
-    };
-    replace("width_px", "348");
-    replace("height_px", "260");
-    replace("pixel_mm", "0.0258");
-    write_atomically(preset(), text);
-  }
-
-  std::string preset() const { return (scratch / "small.toml").string(); }
+  std::string preset() const { return small_.file(); }
   std::string scanner_file() const { return (scratch / "scanner.toml").string(); }
   std::vector<std::string> serve(const std::string& address, std::vector<std::string> more = {}) const {
     std::vector<std::string> out = {"virtual",   "--preset", preset(),         "--seed",      "7",
@@ -76,7 +63,10 @@ class VirtualProcess : public testing::Test {
     return scanner.capture(scanner.standard_scene(scene), {}, stack_seed).frames;
   }
 
-  test::ScratchFolder scratch;
+  test::TemporaryFolder scratch;
+
+ private:
+  virt::ChangedPreset small_{virt::few_pixels()};
 };
 
 TEST_F(VirtualProcess, ACaptureHasTheBytesOfTheSimulation) {
@@ -195,36 +185,17 @@ TEST_F(VirtualProcess, LiveShowsFiguresAndLeavesTheScannerDark) {
   EXPECT_THAT(after.output, HasSubstr("lamp off"));
 }
 
-struct Outcome {
-  int status = -1;
-  std::string output;
-};
-
-Outcome run(const std::string& command) {
-  Outcome outcome;
-  std::FILE* pipe = ::popen((command + " 2>&1").c_str(), "r");
-  if (!pipe) return outcome;
-  std::array<char, 512> part{};
-  while (std::fgets(part.data(), part.size(), pipe)) outcome.output += part.data();
-  outcome.status = ::pclose(pipe);
-  return outcome;
-}
-
-bool installed(const std::string& program) {
-  return std::system(("command -v " + program + " >/dev/null").c_str()) == 0;
-}
-
 TEST_F(VirtualProcess, ArvToolReadsAndWritesItsFeatures) {
   if (!installed("arv-tool-0.8")) GTEST_SKIP() << "arv-tool-0.8 is not installed: apt-get install aravis-tools-cli";
   RunningProgram scanner(serve("127.0.0.110"));
   ASSERT_NE(scanner.line(), "");
-  const Outcome read = run("arv-tool-0.8 -a 127.0.0.110 control DeviceModelName Width Height PixelFormat");
+  const auto read = run_in_shell("arv-tool-0.8 -a 127.0.0.110 control DeviceModelName Width Height PixelFormat");
   EXPECT_THAT(read.output, HasSubstr("fringecal virtual scanner"));
   EXPECT_THAT(read.output, HasSubstr("Width = 348"));
   EXPECT_THAT(read.output, HasSubstr("Height = 260"));
   EXPECT_THAT(read.output, HasSubstr("PixelFormat = Mono8"));
-  run("arv-tool-0.8 -a 127.0.0.110 control ExposureTimeAbs=12345");
-  EXPECT_THAT(run("arv-tool-0.8 -a 127.0.0.110 control ExposureTimeAbs").output, HasSubstr("12345"));
+  run_in_shell("arv-tool-0.8 -a 127.0.0.110 control ExposureTimeAbs=12345");
+  EXPECT_THAT(run_in_shell("arv-tool-0.8 -a 127.0.0.110 control ExposureTimeAbs").output, HasSubstr("12345"));
 }
 
 TEST_F(VirtualProcess, ArvCameraTestGrabsFrames) {
@@ -233,8 +204,8 @@ TEST_F(VirtualProcess, ArvCameraTestGrabsFrames) {
   }
   RunningProgram scanner(serve("127.0.0.111"));
   ASSERT_NE(scanner.line(), "");
-  const Outcome grab =
-      run("arv-camera-test-0.8 -n 127.0.0.111 -o 20 --duration=2 --no-packet-socket -a -j never -i 8192");
+  const auto grab =
+      run_in_shell("arv-camera-test-0.8 -n 127.0.0.111 -o 20 --duration=2 --no-packet-socket -a -j never -i 8192");
   const auto at = grab.output.find("n_completed_buffers");
   ASSERT_NE(at, std::string::npos) << grab.output;
   EXPECT_GT(std::atoi(grab.output.c_str() + grab.output.find('=', at) + 1), 0) << grab.output;
