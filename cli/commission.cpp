@@ -70,10 +70,12 @@ void add_commission(CLI::App& app) {
       ->add_option("--theta", options->choices.theta_mrad, "Fringe angle to start from, mrad (default: the preset's)")
       ->check(CLI::Range(-1.5, 1.5));
   command->add_option("--repeats", options->choices.repeats, "Measurements of each artefact")->capture_default_str();
-  command->add_flag("--in-process", options->scanner.in_process,
-                    "Without a second process and its protocols; the results are the same");
-  command->add_option("--frame-log", options->scanner.frame_log,
-                      "Have the virtual scanner append id and SHA-256 of every frame that it sends to this file");
+  auto* in_process = command->add_flag("--in-process", options->scanner.in_process,
+                                       "Without a second process and its protocols; the results are the same");
+  command
+      ->add_option("--frame-log", options->scanner.frame_log,
+                   "Have the virtual scanner append id and SHA-256 of every frame that it sends to this file")
+      ->excludes(in_process);
   command->add_flag("--json", options->json, "Print report.json instead of the table");
   command->footer("Example: fringecal commission --virtual --output ./commissioning --seed 7");
   command->callback([options] { commission(*options); });

@@ -148,15 +148,14 @@ void FolderTransaction::commit() {
 }
 
 void remove_unfinished(const fs::path& folder) {
+  const auto is_unfinished = [](const fs::path& name) {  // NAME.PID.part
+    const std::string pid = name.stem().extension().string();
+    return name.extension() == ".part" && pid.size() > 1 && pid.find_first_not_of("0123456789", 1) == std::string::npos;
+  };
   std::error_code error;
   std::vector<fs::path> unfinished;
   for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
-    const fs::path name = entry->path().filename();  // NAME.PID.part
-    if (name.extension() != ".part" ||
-        name.stem().extension().string().find_first_not_of("0123456789", 1) != std::string::npos ||
-        name.stem().extension().string().size() < 2) {
-      continue;
-    }
+    if (!is_unfinished(entry->path().filename())) continue;
     unfinished.push_back(entry->path());
     if (entry->is_directory(error)) entry.disable_recursion_pending();
   }

@@ -98,6 +98,21 @@ TEST(WriteAtomically, AFolderThatCannotBeIsTheMachinesFault) {
               HasSubstr("cannot be written"));
 }
 
+// The names are those that write_atomically() and FolderTransaction give to what they have not finished.
+TEST(RemoveUnfinished, TakesWhatAKilledProgramLeftAndNothingElse) {
+  const TemporaryFolder folder;
+  for (const char* kept : {"a.json", "deep/a.json", "a.part", "a.12x.part", "12.part", "a.12.partial"}) {
+    write_atomically(folder / kept, "kept");
+  }
+  for (const char* left : {"a.json.4711.part", "deep/b.png.1.part", "deep/pose.99.part/c.png"}) {
+    write_atomically(folder / left, "left");
+  }
+  remove_unfinished(folder.path());
+  EXPECT_EQ(entries_in(folder.path()), 6u);
+  EXPECT_EQ(entries_in(folder / "deep"), 1u);
+  remove_unfinished(folder / "nothing there");
+}
+
 TEST(ReadBytes, NamesAMissingFileAndAFolder) {
   const TemporaryFolder folder;
   EXPECT_THAT(message_of<InputError>([&] { read_bytes(folder / "a"); }), HasSubstr("no such file"));

@@ -234,6 +234,41 @@ TEST(CaptureSequence, ResumingTakesOnlyWhatIsMissing) {
   EXPECT_FALSE(fs::exists(b.partial()));
 }
 
+TEST(CaptureSequence, AContinuedCaptureKeepsTheTemperaturesAndDevicesOfItsBegin) {
+  Bench b;
+  b.camera.on_trigger = [](int trigger) {
+    if (trigger > 3) throw FrameLost("dark");
+  };
+  b.failure();
+  b.camera.on_trigger = nullptr;
+  b.plc.select({.warm_up_min = 0});  // the grating is as cold as the room now
+  EXPECT_EQ(b.run().frames_resumed, 3);
+  const CaptureInfo info = read_capture_info(b.options.folder);
+  EXPECT_DOUBLE_EQ(info.temperatures_degC.at("grating"), 21.5);
+  EXPECT_DOUBLE_EQ(info.temperatures_degC.at("room"), 20.0);
+  EXPECT_EQ(info.devices.at("plc"), "virtual PLC (register map 1, 6 patterns)");
+  EXPECT_EQ(info.devices.at("camera"), "Acme Eye 7");
+}
+
+// What a kill leaves between the last frame and the capture's own name.
+TEST(CaptureSequence, ACaptureWithAllItsFramesIsFinishedWithoutTouchingTheDevices) {
+  Bench b;
+  b.run();
+  const fs::path complete = b.options.folder;
+  b.options.folder = b.temporary / "again";
+  b.camera.on_trigger = [](int trigger) {
+    if (trigger > 11) throw FrameLost("dark");  // all but the last of six
+  };
+  b.failure();
+  const std::string last = frame_file_name(5, b.options.plan.patterns[5]);
+  fs::copy_file(complete / last, b.temporary / "again.partial" / last);
+  b.camera.triggers = 0;
+  EXPECT_EQ(b.run().frames_taken, 0);
+  EXPECT_EQ(b.camera.triggers, 0);
+  EXPECT_FALSE(fs::exists(b.temporary / "again.partial"));
+  EXPECT_EQ(read_capture(b.options.folder).info.devices, read_capture_info(complete).devices);
+}
+
 TEST(CaptureSequence, ADamagedFrameOfAnEarlierRunIsTakenAgainAndOnlyThat) {
   Bench b;
   b.camera.on_trigger = [](int trigger) {
