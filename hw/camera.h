@@ -16,12 +16,12 @@ namespace fringecal::hw {
 struct CameraIdentity {
   std::string vendor, model, serial, firmware;
   int width_px = 0, height_px = 0;
-  int bits = 8;                    // significant bits per pixel
+  int bits = 8;  // significant bits per pixel
 };
 
 struct CameraFrame {
   GrayImage image;
-  std::uint64_t frame_id = 0;      // of the device
+  std::uint64_t frame_id = 0;  // of the device
 };
 
 /// The device does not answer, or its link is lost: it can be worth opening it again.

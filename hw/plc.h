@@ -19,8 +19,8 @@ enum class PlcCommand : std::uint16_t { none = 0, home = 1, move_to_pattern = 2,
 
 struct PlcStatus {
   PlcState state = PlcState::idle;
-  std::uint16_t fault_code = 0;              // words in hw/plc_map.md
-  std::uint16_t sequence_done = 0;           // echo of the last finished command
+  std::uint16_t fault_code = 0;     // words in hw/plc_map.md
+  std::uint16_t sequence_done = 0;  // echo of the last finished command
   std::int32_t position_um = 0;
   bool lamp_on = false;
   bool door_closed = true;

@@ -38,7 +38,8 @@ class VirtualFaults : public test::VirtualProcess {
 };
 
 std::int64_t number(const std::string& json, const char* key) {
-  const Value* value = parse_json(json, "the summary").find(key);
+  const Value summary = parse_json(json, "the summary");
+  const Value* value = summary.find(key);
   return value && value->if_integer() ? *value->if_integer() : -1;
 }
 
