@@ -9,7 +9,7 @@
 // and the result is taken from all trials together. Where max_trials end it first, `stable` is false.
 //
 // Validation of the GUM's result [JCGM101, 8]:
-//   d_low = |y - U - y_low|,  d_high = |y + U - y_high|; valid when neither exceeds delta of u(y) (n_dig = 1)     (5)
+//   d_low = |y - U - y_low|,  d_high = |y + U - y_high|; valid when neither exceeds delta of u(y)        (5)
 //
 // Deterministic: block b has the generator of seed and b; the result does not depend on the number of threads.
 // Distributions: [JCGM101, 6.4]; of the inputs whose Form is student_t, u is the scale.
@@ -63,7 +63,7 @@ struct Validation {
 };
 
 /// Eq. 5, for y +- U against the symmetric interval of the Monte Carlo.
-Validation validate(double y, double u, double U, const MonteCarloResult& result, int digits = 1);
+Validation validate(double y, double u, double U, const MonteCarloResult& result, int digits = 2);
 
 /// The input that a contribution stands for, about zero: u is turned into the half-width of its form.
 RandomInput random_input(const Contribution& contribution);
