@@ -55,8 +55,8 @@ Combined combine(const std::vector<Contribution>& budget, double coverage) {
   for (const auto& c : budget) {
     require(c.u >= 0 && c.nu >= 1, "a contribution has u >= 0 and nu >= 1");
     const double u = c.u_of_quantity();
-    variance += u * u;                                                   // eq. 2
-    if (std::isfinite(c.nu)) fourth_over_nu += u * u * u * u / c.nu;     // eq. 3
+    variance += u * u;                                                // eq. 2
+    if (std::isfinite(c.nu)) fourth_over_nu += u * u * u * u / c.nu;  // eq. 3
   }
   Combined out{.u = std::sqrt(variance), .coverage = coverage};
   const double nu = fourth_over_nu > 0 ? variance * variance / fourth_over_nu : kInfiniteNu;

@@ -37,7 +37,7 @@ struct Contribution {
   std::string name;  // "certificate of the artefact", "repeatability of the mean"
   Evaluation evaluation = Evaluation::type_b;
   Form form = Form::normal;
-  double u = 0;            // standard uncertainty of the input, in `unit`
+  double u = 0;  // standard uncertainty of the input, in `unit`
   std::string unit = "mm";
   double sensitivity = 1;  // unit of the quantity per `unit`
   double nu = kInfiniteNu;

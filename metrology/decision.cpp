@@ -57,8 +57,7 @@ DecisionRule decision_rule_from(const std::string& name) {
   for (const auto& [rule, known] : kRules) {
     if (name == known) return rule;
   }
-  throw InputError(
-      fmt::format("\"{}\" is no decision rule; known: iso_14253_1, simple, guarded, four_outcomes", name));
+  throw InputError(fmt::format("\"{}\" is no decision rule; known: iso_14253_1, simple, guarded, four_outcomes", name));
 }
 
 std::string sentence_of(DecisionRule rule) {
@@ -88,7 +87,9 @@ Judgement judge(double y, const Combined& uncertainty, const Limits& limits, Dec
   if (limits.lower) inside = std::min(inside, y - *limits.lower);
   Judgement out{.rule = rule, .conformance_probability = conformance_probability(y, uncertainty, limits)};
   switch (rule) {
-    case DecisionRule::simple: out.verdict = inside >= 0 ? Verdict::pass : Verdict::fail; break;
+    case DecisionRule::simple:
+      out.verdict = inside >= 0 ? Verdict::pass : Verdict::fail;
+      break;
     case DecisionRule::iso_14253_1:
       out.guard_band = kGuardFactor * uncertainty.u;
       out.verdict = inside >= out.guard_band    ? Verdict::pass
@@ -131,7 +132,8 @@ Judgement read_judgement(Fields fields) {
   Judgement out;
   out.rule = decision_rule_from(fields.text("rule"));
   const std::string verdict = fields.text("verdict");
-  const auto* known = std::find_if(kVerdicts.begin(), kVerdicts.end(), [&](const auto& v) { return verdict == v.second; });
+  const auto* known =
+      std::find_if(kVerdicts.begin(), kVerdicts.end(), [&](const auto& v) { return verdict == v.second; });
   if (known == kVerdicts.end()) fields.complain(fmt::format("\"{}\" is no verdict", verdict));
   out.verdict = known->first;
   out.guard_band = fields.number("guard_band");

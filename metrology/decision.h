@@ -41,7 +41,7 @@ std::string sentence_of(DecisionRule rule);
 struct Judgement {
   DecisionRule rule = DecisionRule::iso_14253_1;
   Verdict verdict = Verdict::not_proved;
-  double guard_band = 0;              // eqs. 2 to 4, unit of the quantity
+  double guard_band = 0;               // eqs. 2 to 4, unit of the quantity
   double conformance_probability = 0;  // eq. 5
   /// The risk of the statement made: of false acceptance where it is a pass, of false rejection where it is a fail.
   std::optional<double> risk;

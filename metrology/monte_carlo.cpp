@@ -21,7 +21,8 @@ using Generator = boost::random::mt19937_64;
 double draw(const RandomInput& input, Generator& generator) {
   boost::random::uniform_01<double> uniform;
   switch (input.form) {
-    case Form::normal: return boost::random::normal_distribution<double>(input.mean, input.scale)(generator);
+    case Form::normal:
+      return boost::random::normal_distribution<double>(input.mean, input.scale)(generator);
     case Form::student_t:
       if (!std::isfinite(input.nu)) {
         return boost::random::normal_distribution<double>(input.mean, input.scale)(generator);
@@ -36,7 +37,8 @@ double draw(const RandomInput& input, Generator& generator) {
       const double first = uniform(generator);
       return input.mean + input.scale * (first + uniform(generator) - 1);
     }
-    case Form::arcsine: return input.mean + input.scale * std::sin(2 * std::numbers::pi * uniform(generator));
+    case Form::arcsine:
+      return input.mean + input.scale * std::sin(2 * std::numbers::pi * uniform(generator));
   }
   throw std::logic_error("a form of distribution that cannot be drawn");
 }

@@ -17,7 +17,11 @@ Value texts(const std::vector<std::string>& lines) {
 }
 
 Value to_value(const Validation& v) {
-  return Value::object().set("d_low", v.d_low).set("d_high", v.d_high).set("tolerance", v.tolerance).set("valid", v.valid);
+  return Value::object()
+      .set("d_low", v.d_low)
+      .set("d_high", v.d_high)
+      .set("tolerance", v.tolerance)
+      .set("valid", v.valid);
 }
 
 Validation read_validation(Fields fields) {
@@ -196,6 +200,8 @@ Verification verification_from(const Value& value, const std::string& name) {
   return v;
 }
 
-Verification read_verification(const std::filesystem::path& file) { return verification_from(read_json(file), file.string()); }
+Verification read_verification(const std::filesystem::path& file) {
+  return verification_from(read_json(file), file.string());
+}
 
 }  // namespace fringecal::metrology

@@ -55,10 +55,10 @@ struct Environment {
 };
 
 struct Verification {
-  std::string plan;         // "paper"
-  std::string plan_source;  // what it follows
+  std::string plan;                         // "paper"
+  std::string plan_source;                  // what it follows
   std::vector<std::string> plan_unchecked;  // what of it could not be checked against the standard's text
-  std::string scanner;      // identification of the scanner
+  std::string scanner;                      // identification of the scanner
   std::string scanner_file_sha256;
   std::string begun, ended;
   Environment environment;

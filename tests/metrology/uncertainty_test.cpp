@@ -86,11 +86,11 @@ TEST(MonteCarlo, GivesTheAdditiveModelsOfJcgm101) {
 // interval [1.0834, 1.3825], while the first-order GUM gives u = 0.0539 and [1.1285, 1.3395]: not valid. The
 // published figures are one run's with delta 0.0005 each; ours to three digits has 0.0005 of its own: 0.001.
 TEST(MonteCarlo, GivesTheMassCalibrationOfJcgm101) {
-  const std::vector<RandomInput> inputs = {{.mean = 100'000, .scale = 0.050},                          // m_Rc, mg
-                                           {.mean = 1.234, .scale = 0.020},                            // delta m_Rc, mg
-                                           {.mean = 1.20, .form = Form::rectangular, .scale = 0.10},   // air, kg/m3
-                                           {.mean = 8000, .form = Form::rectangular, .scale = 1000},   // weight W
-                                           {.mean = 8000, .form = Form::rectangular, .scale = 50}};    // reference R
+  const std::vector<RandomInput> inputs = {{.mean = 100'000, .scale = 0.050},                         // m_Rc, mg
+                                           {.mean = 1.234, .scale = 0.020},                           // delta m_Rc, mg
+                                           {.mean = 1.20, .form = Form::rectangular, .scale = 0.10},  // air, kg/m3
+                                           {.mean = 8000, .form = Form::rectangular, .scale = 1000},  // weight W
+                                           {.mean = 8000, .form = Form::rectangular, .scale = 50}};   // reference R
   const MeasurementModel model = [](std::span<const double> x) {
     return (x[0] + x[1]) * (1 + (x[2] - 1.2) * (1 / x[3] - 1 / x[4])) - 100'000;  // [JCGM101, eq. 32]
   };
@@ -171,9 +171,7 @@ TEST(Decision, SimpleAcceptanceStatesItsRisk) {
   EXPECT_NEAR(*j.risk, 0.308538, 1e-6);
 }
 
-TEST(Decision, NeedsALimit) {
-  EXPECT_THROW(judge(0, with_u(1), {}, DecisionRule::simple), std::logic_error);
-}
+TEST(Decision, NeedsALimit) { EXPECT_THROW(judge(0, with_u(1), {}, DecisionRule::simple), std::logic_error); }
 
 }  // namespace
 }  // namespace fringecal::metrology
