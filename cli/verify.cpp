@@ -154,7 +154,8 @@ void verify(const Options& o) {
   }
   std::vector<std::string> listed;
   for (std::size_t s = 0; s < plan.series.size(); ++s) {
-    for (auto& q : metrology::evaluate_series(plan, plan.series[s], source.gauges, results[s], v.environment)) {
+    for (auto& q :
+         metrology::evaluate_series(plan, plan.series[s], source.gauges, results[s], {.environment = v.environment})) {
       v.quantities.push_back(std::move(q));
     }
     for (const auto& name : plan.series[s].artefacts) {

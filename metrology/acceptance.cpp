@@ -122,7 +122,8 @@ struct Reading {
 
 /// E = x - l (1 + alpha (t - t_ref)) with x fixed, or a mean with Student's t.
 Validation validate_length(const Gauge& g, double length, double U_certificate, double x, double s_of_mean, double nu,
-                           const Environment& e, double error, const Combined& combined) {
+                           const EvaluateOptions& options, double error, const Combined& combined) {
+  const Environment& e = options.environment;
   const double half_width = e.u_temperature_degC * std::sqrt(3.0);
   const std::vector<RandomInput> inputs = {
       {.mean = x, .form = Form::student_t, .scale = s_of_mean, .nu = nu},
@@ -130,7 +131,7 @@ Validation validate_length(const Gauge& g, double length, double U_certificate, 
       {.mean = g.expansion_per_K, .scale = g.u_expansion_per_K},
       {.mean = e.temperature_degC - g.reference_temperature_degC, .form = Form::rectangular, .scale = half_width}};
   const auto result = propagate([](std::span<const double> v) { return v[0] - v[1] * (1 + v[2] * v[3]); }, inputs,
-                                {.coverage = combined.coverage, .max_trials = 400'000});
+                                {.coverage = combined.coverage, .max_trials = options.monte_carlo_trials});
   return validate(error, combined.u, combined.U, result);
 }
 
@@ -152,7 +153,9 @@ void finish(Quantity& q, DecisionRule rule) {
 }
 
 Quantity length_quantity(const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge, const Length& length,
-                         std::span<const Reading> readings, const std::string& position, const Environment& e) {
+                         std::span<const Reading> readings, const std::string& position,
+                         const EvaluateOptions& options) {
+  const Environment& e = options.environment;
   Quantity q = base(planned, gauge, position);
   const auto n = static_cast<double>(readings.size());
   double mean = 0, squares = 0, noise = 0, calibration = 0;
@@ -180,7 +183,10 @@ Quantity length_quantity(const Plan& plan, const PlannedQuantity& planned, const
                         .nu = nu});
   }
   finish(q, plan.decision_rule);
-  q.validation = validate_length(gauge, length.certified, length.U, mean, s_of_mean, nu, e, q.value, q.uncertainty);
+  if (options.monte_carlo_trials > 0) {
+    q.validation =
+        validate_length(gauge, length.certified, length.U, mean, s_of_mean, nu, options, q.value, q.uncertainty);
+  }
   q.u_of_later_measurements = std::sqrt(u_reference * u_reference + s * s + calibration * calibration);  // eq. 6
   return q;
 }
@@ -215,7 +221,7 @@ std::string part_name(const Gauge& gauge, int part) {
 }
 
 void add_diameters(std::vector<Quantity>& out, const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge,
-                   const std::vector<CaptureResult>& results, const Environment& e) {
+                   const std::vector<CaptureResult>& results, const EvaluateOptions& options) {
   for (int part = 0; part < static_cast<int>(gauge.diameter_mm.size()); ++part) {
     std::vector<Reading> readings;
     for (const auto& [capture, f] : features_of(results, gauge.name, part)) {
@@ -225,18 +231,18 @@ void add_diameters(std::vector<Quantity>& out, const Plan& plan, const PlannedQu
     const Length length{gauge.diameter_mm[static_cast<std::size_t>(part)], gauge.U_diameter_mm};
     if (planned.measurand == Measurand::mean_diameter_error) {
       out.push_back(length_quantity(plan, planned, gauge, length, readings,
-                                    fmt::format("mean of {}{}", readings.size(), part_name(gauge, part)), e));
+                                    fmt::format("mean of {}{}", readings.size(), part_name(gauge, part)), options));
       continue;
     }
     for (const auto& r : readings) {
       out.push_back(length_quantity(plan, planned, gauge, length, std::span(&r, 1),
-                                    fmt::format("{}{}", r.capture + 1, part_name(gauge, part)), e));
+                                    fmt::format("{}{}", r.capture + 1, part_name(gauge, part)), options));
     }
   }
 }
 
 void add_distances(std::vector<Quantity>& out, const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge,
-                   std::vector<CaptureResult> results, const Environment& e) {
+                   std::vector<CaptureResult> results, const EvaluateOptions& options) {
   std::sort(results.begin(), results.end(), [](const auto& a, const auto& b) { return a.capture < b.capture; });
   for (const auto& r : results) {
     for (const auto& d : r.distances) {
@@ -247,7 +253,7 @@ void add_distances(std::vector<Quantity>& out, const Plan& plan, const PlannedQu
         reading.n_rejected += f.n_rejected;
       }
       out.push_back(length_quantity(plan, planned, gauge, {*gauge.distance_mm, gauge.U_distance_mm},
-                                    std::span(&reading, 1), std::to_string(r.capture + 1), e));
+                                    std::span(&reading, 1), std::to_string(r.capture + 1), options));
     }
   }
 }
@@ -307,7 +313,7 @@ Result<CaptureResult> evaluate_capture(const Plan& plan, const Series& series, i
 }
 
 std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, const std::vector<Gauge>& gauges,
-                                      const std::vector<CaptureResult>& results, const Environment& environment) {
+                                      const std::vector<CaptureResult>& results, const EvaluateOptions& options) {
   require(!results.empty(), "a series is evaluated from at least one capture");
   std::vector<Quantity> out;
   for (const auto& planned : series.quantities) {
@@ -316,10 +322,10 @@ std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, co
       switch (planned.measurand) {
         case Measurand::diameter_error:
         case Measurand::mean_diameter_error:
-          add_diameters(out, plan, planned, gauge, results, environment);
+          add_diameters(out, plan, planned, gauge, results, options);
           break;
         case Measurand::distance_error:
-          add_distances(out, plan, planned, gauge, results, environment);
+          add_distances(out, plan, planned, gauge, results, options);
           break;
         case Measurand::form_range:
         case Measurand::form_95:

@@ -46,6 +46,11 @@ struct DistanceResult {
   double distance_mm = 0, u_noise_mm = 0, u_calibration_mm = 0;
 };
 
+struct EvaluateOptions {
+  Environment environment;
+  std::int64_t monte_carlo_trials = 200'000;  // 95 % ends known to 1 % of u; 0: no validation
+};
+
 struct CaptureResult {
   int capture = 0;
   std::vector<FeatureResult> features;
@@ -59,7 +64,7 @@ Result<CaptureResult> evaluate_capture(const Plan& plan, const Series& series, i
 
 /// All quantities of a series, judged by the plan's rule. results: one per capture, in any order.
 std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, const std::vector<Gauge>& gauges,
-                                      const std::vector<CaptureResult>& results, const Environment& environment);
+                                      const std::vector<CaptureResult>& results, const EvaluateOptions& options = {});
 
 Value to_value(const CaptureResult& result);
 CaptureResult capture_result_from(const Value& value, const std::string& name_in_messages);
