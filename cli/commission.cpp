@@ -1,6 +1,7 @@
 // fringecal commission: the whole way of a new scanner - align, calibrate, verify, report - in one resumable command.
 #include "cli/commands.h"
 #include "cli/commission_steps.h"
+#include "cli/interrupt.h"
 #include "core/error.h"
 #include "core/file.h"
 
@@ -16,6 +17,7 @@ struct Options {
   bool on_virtual = false, fresh = false, json = false;
   std::string output = "commissioning";
   CommissionChoices choices;
+  CommissionScannerOptions scanner;
 };
 
 void commission(const Options& options) {
@@ -28,18 +30,18 @@ void commission(const Options& options) {
     throw InputError(fmt::format("--repeats {}: give 1 to 99", options.choices.repeats));
   }
   reports::check_report_tools();  // before a run of minutes, not after it
+  const Interrupt interrupt;
   const CommissionSession session(options.output, options.choices, options.fresh);
-  virt::VirtualScanner instrument(options.choices.preset, options.choices.seed,
-                                  {.theta_mrad = options.choices.theta_mrad});
-  virt::InstrumentState state;
+  CommissionScanner instrument(session, options.scanner, interrupt.token());
   Progress progress(Weights::total(options.choices.repeats));
-  align_step(session, instrument, state, progress);
-  calibrate_step(session, instrument, state, progress);
-  verify_step(session, instrument, state, progress);
+  align_step(session, instrument, progress);
+  calibrate_step(session, instrument, progress);
+  verify_step(session, instrument, progress);
+  instrument.check_stop();
   progress.start("writing the report");
   const auto report = gather_report(session, instrument);
   reports::write_commissioning_report(session.folder(), report);
-  write_atomically(session.path("truth.json"), to_json(instrument.truth(state)));
+  write_atomically(session.path("truth.json"), to_json(instrument.truth()));
   progress.done(Weights::report);
   progress.finish_step(fmt::format("report written: {}", session.path("report.html").string()));
   fmt::print("{}", options.json ? to_json(reports::to_value(report)) : summary_table(report));
@@ -68,6 +70,10 @@ void add_commission(CLI::App& app) {
       ->add_option("--theta", options->choices.theta_mrad, "Fringe angle to start from, mrad (default: the preset's)")
       ->check(CLI::Range(-1.5, 1.5));
   command->add_option("--repeats", options->choices.repeats, "Measurements of each artefact")->capture_default_str();
+  command->add_flag("--in-process", options->scanner.in_process,
+                    "Without a second process and its protocols; the results are the same");
+  command->add_option("--frame-log", options->scanner.frame_log,
+                      "Have the virtual scanner append id and SHA-256 of every frame that it sends to this file");
   command->add_flag("--json", options->json, "Print report.json instead of the table");
   command->footer("Example: fringecal commission --virtual --output ./commissioning --seed 7");
   command->callback([options] { commission(*options); });

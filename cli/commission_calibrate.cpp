@@ -7,18 +7,16 @@
 
 #include <fmt/format.h>
 
-#include <chrono>
-
 namespace fringecal::cli {
 
-void calibrate_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
-                    const virt::InstrumentState& state, Progress& progress) {
+void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
   if (session.has("scanner.json") && session.has("calibration/poses.json")) {
     progress.done(Weights::pose * kBoardPoses + Weights::solve, true);
     return;
   }
-  const auto begin = std::chrono::steady_clock::now();
-  const model::Board board = instrument.certified_board("chessboard");
+  const Stopwatch watch;
+  const virt::VirtualScanner& sheet = instrument.sheet();
+  const model::Board board = sheet.certified_board("chessboard");
   std::vector<model::BoardObservation> observations;
   int width_px = 0, height_px = 0;
   Value poses = Value::array();
@@ -26,14 +24,7 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
   for (int i = 0; i < kBoardPoses; ++i) {
     const std::string name = fmt::format("calibration/pose-{:02}", i);
     progress.start(fmt::format("calibrating, board pose {} of {}", i + 1, kBoardPoses));
-    Capture capture;
-    if (session.has(name)) {
-      capture = read_capture(session.path(name));
-    } else {
-      capture = instrument.capture(instrument.standard_scene(fmt::format("calibration {}", i)), state,
-                                   session.stack_seed(name));
-      write_capture(session.path(name), capture);
-    }
+    const Capture capture = instrument.capture(name, fmt::format("calibration {}", i));
     for (const auto& frame : capture.info.frames) provenance.inputs.emplace_back(name + "/" + frame.file, frame.sha256);
     width_px = capture.info.width_px;
     height_px = capture.info.height_px;
@@ -47,11 +38,12 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
     poses.append(pose);
     progress.done(Weights::pose);
   }
+  instrument.check_stop();
   progress.start("calibrating, solving for camera and projector");
   calib::CalibrationOptions options;
-  options.pixel_mm = instrument.pixel_mm();
-  options.working_distance_mm = instrument.design_working_distance_mm();
-  const auto calibrated = calib::calibrate(observations, board, width_px, height_px, instrument.plan(), options);
+  options.pixel_mm = sheet.pixel_mm();
+  options.working_distance_mm = sheet.design_working_distance_mm();
+  const auto calibrated = calib::calibrate(observations, board, width_px, height_px, sheet.plan(), options);
   const std::string folder = session.path("calibration").string();
   if (!calibrated) throw InputError(fmt::format("{}: {}", folder, calibrated.error().sentence));
   auto with_paper = calib::with_paper_models(*calibrated);
@@ -60,8 +52,7 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
   scanner.name = fmt::format("virtual {} seed {}", session.choices().preset, session.choices().seed);
   scanner.provenance = provenance;
   model::write_scanner(session.path("scanner.json"), scanner);
-  const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - begin;
-  session.store("calibration/poses.json", Value::object().set("poses", poses).set("duration_s", duration.count()));
+  session.store("calibration/poses.json", Value::object().set("poses", poses).set("duration_s", watch.seconds()));
   progress.done(Weights::solve);
   progress.finish_step(
       fmt::format("calibrated from {} poses: camera rms {:.3f} px, projector rms {:.2g} {}, board "

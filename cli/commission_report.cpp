@@ -1,5 +1,5 @@
 // Step 4 of a commissioning: the session's files put together for the report.
-#include "calib/align_loop.h"
+#include "calib/align_record.h"
 #include "calib/model/chen2008.h"
 #include "cli/commission_steps.h"
 #include "core/file.h"
@@ -43,27 +43,27 @@ reports::ProfileColumns profile_of(const Capture& capture) {
 reports::AlignmentSection alignment_section(const CommissionSession& session, double period_mm, double& duration_s) {
   reports::AlignmentSection section;
   section.tolerance_fraction = calib::AlignmentLoopOptions{}.tolerance_of_period;
-  int last = 0;
-  for (int i = 0; session.has(fmt::format("alignment/iteration-{}.json", i)); ++i) {
-    const Value v = session.load(fmt::format("alignment/iteration-{}.json", i));
-    duration_s += number(v, "duration_s");
+  duration_s += number(session.load("alignment/duration.json"), "duration_s");
+  for (const Value& v : calib::read_record(session.path("alignment/record.json")).iterations) {
+    const Value& measured = *v.find("measured");
+    const Value& step = *v.find("step");
     reports::AlignmentIteration iteration;
-    iteration.number = i + 1;
-    iteration.theta_mrad = {number(v, "theta_mrad"), number(v, "u_theta_mrad")};
-    iteration.bit = static_cast<int>(number(v, "bit"));
-    iteration.delta_um = {number(v, "delta_um"), number(v, "u_delta_um")};
+    iteration.number = static_cast<int>(section.iterations.size()) + 1;
+    iteration.theta_mrad = {number(measured, "theta_mrad"), number(measured, "u_theta_mrad")};
+    iteration.bit = static_cast<int>(number(step, "bit"));
+    iteration.delta_um = {number(step, "delta_um"), number(step, "u_delta_um")};
     iteration.fraction_of_period = iteration.delta_um.value * 1e-3 / period_mm;
-    for (const Value& bit : list(v, "bits")) {
+    for (const Value& bit : list(measured, "bits")) {
       if (static_cast<int>(number(bit, "bit")) != iteration.bit) continue;
       iteration.period_px = number(bit, "period_px");
       iteration.jump_px = number(bit, "jump_px");
     }
-    if (text(v, "decision") == "turn") iteration.turn_mrad = number(v, "turn_mrad");
-    iteration.instruction = text(v, "sentence");
-    iteration.verdict = text(v, "decision");
+    if (text(step, "decision") == "turn") iteration.turn_mrad = number(step, "turn_mrad");
+    iteration.instruction = text(step, "sentence");
+    iteration.verdict = text(step, "decision");
     section.iterations.push_back(iteration);
-    last = i;
   }
+  const std::size_t last = section.iterations.size() - 1;
   section.before = profile_of(read_capture(session.path("alignment/iteration-0")));
   section.after = profile_of(read_capture(session.path(fmt::format("alignment/iteration-{}", last))));
   const auto& end = section.iterations.back();
@@ -262,7 +262,8 @@ reports::ArtefactSection artefact_section(const CommissionSession& session, cons
 
 }  // namespace
 
-reports::CommissioningReport gather_report(const CommissionSession& session, const virt::VirtualScanner& instrument) {
+reports::CommissioningReport gather_report(const CommissionSession& session, const CommissionScanner& commissioned) {
+  const virt::VirtualScanner& instrument = commissioned.sheet();
   const auto scanner = model::read_scanner(session.path("scanner.json"));
   reports::CommissioningReport report;
   report.scanner_name = scanner.name;

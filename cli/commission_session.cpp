@@ -5,8 +5,12 @@
 #include "core/file.h"
 #include "core/provenance.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/file.h>
+#include <unistd.h>
 
+#include <cerrno>
 #include <system_error>
 
 namespace fringecal::cli {
@@ -50,6 +54,15 @@ void refuse_other_choices(const fs::path& file, const CommissionChoices& now) {
   differs("program version", version, kProgramVersion);
 }
 
+/// What a program leaves behind that was killed while it made the folder.
+bool only_unfinished_in(const fs::path& folder) {
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(folder, error)) {
+    if (!entry.path().filename().string().starts_with(kFile)) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& choices, bool fresh)
@@ -59,14 +72,18 @@ CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& c
   if (fs::exists(folder_, error) && !fs::is_directory(folder_, error)) {
     throw InputError(fmt::format("{}: this is a file; give a folder as --output", folder_.string()));
   }
+  if (fs::is_directory(folder_, error)) {
+    lock();
+    if (only_unfinished_in(folder_) || fs::exists(file, error)) remove_unfinished(folder_);
+  }
   const bool begun = fs::exists(file, error);
   if (!begun && fs::exists(folder_, error) && !fs::is_empty(folder_, error)) {
     throw InputError(fmt::format("{}: this folder is not empty and holds no commissioning; give another --output",
                                  folder_.string()));
   }
   if (begun && fresh) {
-    for (const char* part :
-         {"alignment", "calibration", "verification", "report.html", "report.json", "scanner.json", "truth.json"}) {
+    for (const char* part : {"alignment", "calibration", "verification", "report.html", "report.json", "scanner.json",
+                             "scanner.toml", "truth.json"}) {
       fs::remove_all(folder_ / part, error);
       if (error) {
         throw EnvironmentError(
@@ -78,6 +95,21 @@ CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& c
     return;
   }
   write_atomically(file, to_json(to_value(choices_)));
+  lock();
+}
+
+CommissionSession::~CommissionSession() {
+  if (lock_ >= 0) close(lock_);
+}
+
+/// The lock is the system's: it ends with the program, however that ends.
+void CommissionSession::lock() {
+  if (lock_ >= 0) return;
+  lock_ = open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (lock_ < 0 || flock(lock_, LOCK_EX | LOCK_NB) == 0) return;  // a disk without locks works without
+  if (errno != EWOULDBLOCK) return;
+  throw InputError(fmt::format("{}: another commissioning is at work there; wait for its end or give another --output",
+                               folder_.string()));
 }
 
 bool CommissionSession::has(const std::string& name) const {

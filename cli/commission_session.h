@@ -25,7 +25,12 @@ class CommissionSession {
  public:
   /// Opens or makes the folder. fresh: whatever an earlier commissioning left in it is removed first; a folder that is
   /// not a commissioning and not empty is refused.
+  /// While the object lives no other commissioning can work in the folder. What a commissioning that was killed left
+  /// unwritten in it is removed.
   CommissionSession(std::filesystem::path folder, const CommissionChoices& choices, bool fresh);
+  ~CommissionSession();
+  CommissionSession(const CommissionSession&) = delete;
+  CommissionSession& operator=(const CommissionSession&) = delete;
 
   const CommissionChoices& choices() const { return choices_; }
   const std::filesystem::path& folder() const { return folder_; }
@@ -38,8 +43,11 @@ class CommissionSession {
   std::uint64_t stack_seed(const std::string& item) const;
 
  private:
+  void lock();
+
   std::filesystem::path folder_;
   CommissionChoices choices_;
+  int lock_ = -1;
 };
 
 }  // namespace fringecal::cli

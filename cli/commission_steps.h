@@ -1,17 +1,17 @@
 // The steps of a commissioning on the virtual scanner, each resumable, each leaving its results as files in the
 // session.
 //   alignment/iteration-N/     Capture of the flat board
-//   alignment/iteration-N.json what was measured and done
+//   alignment/record.json      what was measured and done in each iteration (calib/align_record.h)
 //   calibration/pose-NN/       Captures of the board
 //   calibration/poses.json     which of them were used
 //   scanner.json               camera, projector, and the paper's closed form fitted to them
-//   verification/SCENE-NN.json one repeat: every artefact through the three models; frames and deviation maps of the
-//                              first
+//   verification/SCENE-NN.json one repeat: every artefact through the three models; frames and deviation maps stay of
+//                              the first
 #pragma once
 
+#include "cli/commission_scanner.h"
 #include "cli/commission_session.h"
 #include "cli/progress.h"
-#include "hw/virtual/virtual_scanner.h"
 #include "metrology/artefact.h"
 #include "reports/commissioning_report.h"
 
@@ -36,16 +36,13 @@ struct Weights {
   static double total(int repeats);
 };
 
-/// Turns the grating until it is aligned; `state` ends where the last turn left the instrument.
-void align_step(const CommissionSession& session, virt::VirtualScanner& instrument, virt::InstrumentState& state,
-                Progress& progress);
-void calibrate_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
-                    const virt::InstrumentState& state, Progress& progress);
-void verify_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
-                 const virt::InstrumentState& state, Progress& progress);
+/// Turns the grating until it is aligned.
+void align_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
+void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
+void verify_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
 
 /// Everything the report shows, read from the session's files.
-reports::CommissioningReport gather_report(const CommissionSession& session, const virt::VirtualScanner& instrument);
+reports::CommissioningReport gather_report(const CommissionSession& session, const CommissionScanner& commissioned);
 
 /// The table of the summary, for stdout.
 std::string summary_table(const reports::CommissioningReport& report);

@@ -8,7 +8,7 @@
 
 #include <fmt/format.h>
 
-#include <chrono>
+#include <system_error>
 
 namespace fringecal::cli {
 namespace {
@@ -23,6 +23,14 @@ Value to_value(const metrology::ArtefactMeasurement& m) {
       .set("n_gross", m.n_gross);
 }
 
+void remove_capture(const std::filesystem::path& folder) {
+  std::error_code error;
+  std::filesystem::remove_all(folder, error);
+  if (!error) return;
+  throw EnvironmentError(
+      fmt::format("{}: cannot be removed ({}); remove it by hand", folder.string(), error.message()));
+}
+
 }  // namespace
 
 std::vector<VerificationScene> verification_scenes() {
@@ -35,23 +43,20 @@ std::vector<VerificationScene> verification_scenes() {
           {"cylinder", {{"cylinder", ArtefactKind::cylinder, 119.85}}}};
 }
 
-void verify_step(const CommissionSession& session, const virt::VirtualScanner& instrument,
-                 const virt::InstrumentState& state, Progress& progress) {
+void verify_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
   const auto scanner = model::read_scanner(session.path("scanner.json"));
   const auto scenes = verification_scenes();
   for (const auto& scene : scenes) {
     for (int repeat = 0; repeat < session.choices().repeats; ++repeat) {
       const std::string name = fmt::format("verification/{}-{:02}", scene.name, repeat);
       if (session.has(name + ".json")) {
+        if (repeat > 0) remove_capture(session.path(name));
         progress.done(Weights::repeat, true);
         continue;
       }
       progress.start(fmt::format("verifying, {} {} of {}", scene.name, repeat + 1, session.choices().repeats));
-      const auto begin = std::chrono::steady_clock::now();
-      Capture capture = instrument.capture(instrument.standard_scene(fmt::format("{} {}", scene.name, repeat)), state,
-                                           session.stack_seed(name));
-      // The frames of the first repeat stay beside the results; the others can be rendered again from the seed.
-      if (repeat == 0) write_capture(session.path(name), capture);
+      const Stopwatch watch;
+      const Capture capture = instrument.capture(name, fmt::format("{} {}", scene.name, repeat));
       const auto map = decode::decode_phase(capture, scanner.projector.main_axis());
       Value models = Value::object(), u_calibration = Value::object();
       for (const auto& [model, word] : {std::pair(metrology::ReconstructionModel::full, "full"),
@@ -74,11 +79,12 @@ void verify_step(const CommissionSession& session, const virt::VirtualScanner& i
         }
         models.set(word, list);
       }
-      const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - begin;
       session.store(name + ".json", Value::object()
                                         .set("models", models)
                                         .set("u_calibration_mm", u_calibration)
-                                        .set("duration_s", duration.count()));
+                                        .set("duration_s", watch.seconds()));
+      // The frames of the first repeat stay beside the results.
+      if (repeat > 0) remove_capture(session.path(name));
       progress.done(Weights::repeat);
     }
     progress.finish_step(fmt::format("{} measured {} times", scene.name, session.choices().repeats));

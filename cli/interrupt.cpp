@@ -45,9 +45,9 @@ bool Interrupt::wait(std::chrono::milliseconds duration) const {
   return source_.stop_requested();
 }
 
-bool end_with_parent() {
-  first_parent = getppid();
-  prctl(PR_SET_PDEATHSIG, SIGTERM);
+bool end_with_parent(std::optional<int> process) {
+  first_parent = process.value_or(getppid());
+  prctl(PR_SET_PDEATHSIG, SIGTERM);  // asks first, looks then: a parent that ends in between is not missed
   return parent_lives();
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <chrono>
+#include <optional>
 #include <stop_token>
 #include <thread>
 
@@ -25,8 +26,8 @@ class Interrupt {
 };
 
 /// Has the system end this program with SIGTERM when the program that started it ends. False where that has already
-/// happened.
-bool end_with_parent();
+/// happened; that can only be told where the number of its process is known (absent: whoever is the parent now).
+bool end_with_parent(std::optional<int> process = {});
 /// Whether the program that started this one is still there; end_with_parent() was called before.
 bool parent_lives();
 

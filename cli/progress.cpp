@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 
 namespace fringecal::cli {
 namespace {
@@ -47,6 +48,11 @@ void Progress::draw() {
     left = fmt::format("about {} left", as_minutes(elapsed / measured_ * std::max(0.0, total_ - done_)));
   fmt::print(stderr, "\r\033[K{:3.0f} %  {}  ({})", 100.0 * std::min(1.0, done_ / total_), what_, left);
   std::fflush(stderr);
+}
+
+double Stopwatch::seconds() const {
+  if (std::getenv("SOURCE_DATE_EPOCH")) return 0;
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
 }
 
 }  // namespace fringecal::cli

@@ -29,4 +29,14 @@ class Progress {
   bool terminal_;
 };
 
+/// How long a piece of work took, for the report. 0 where SOURCE_DATE_EPOCH stops the clock: then equal runs give equal
+/// files.
+class Stopwatch {
+ public:
+  double seconds() const;
+
+ private:
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
 }  // namespace fringecal::cli

@@ -4,10 +4,10 @@
 #include "cli/interrupt.h"
 #include "cli/scene_selection.h"
 #include "core/error.h"
-#include "core/fields.h"
 #include "core/file.h"
 #include "hw/plc_map.h"
 #include "hw/scanner_file.h"
+#include "hw/virtual/direct_scanner.h"
 #include "hw/virtual/fake_camera.h"
 #include "hw/virtual/mewtocol_server.h"
 #include "hw/virtual/modbus_server.h"
@@ -19,33 +19,22 @@
 
 #include <array>
 #include <cstdio>
-#include <filesystem>
 #include <memory>
 
 namespace fringecal::cli {
-namespace fs = std::filesystem;
 namespace {
 
-constexpr const char* kStateSchema = "fringecal.virtual-state";
+constexpr const char* kFreeAddress = "free";
 
 struct Options {
-  std::string preset = "chen2008", address = "127.0.0.1", state_file, frame_log, scanner_file, truth_file,
-              scene = "alignment";
+  std::string preset = "chen2008", address = "127.0.0.1", frame_log, scanner_file, truth_file, scene = "alignment";
   std::uint64_t seed = 1, stack_seed = 1;
   std::optional<double> theta_mrad;
   int bits = 8, plc_port = 0, motion_ms = 0, watchdog_ms = 10000;
   double packet_loss = 0;
+  std::optional<int> parent;
   bool rtu = false, mewtocol = false;
 };
-
-std::vector<double> turns_in(const fs::path& file) {
-  if (file.empty() || !fs::exists(file)) return {};
-  Fields f(read_json(file), file.string());
-  f.expect_schema(kStateSchema, 1);
-  std::vector<double> turns = f.numbers("adjuster_turns_mrad");
-  f.finish();
-  return turns;
-}
 
 std::string one_line(const Value& value) {
   std::string out;
@@ -67,14 +56,25 @@ void select(virt::PlcCore& core, const hw::VirtualSelection& selection) {
   require(core.write(hw::dt::kScene, words), "the virtual PLC has the block of the virtual scanner");
 }
 
+/// At the address that was asked for, or at the first of 127.0.1.1 ... 127.0.1.254 where nobody serves a camera.
+std::unique_ptr<virt::FakeCamera> serve_camera(virt::FakeCameraOptions& options, const std::string& address,
+                                               const virt::FakeCamera::Render& render) {
+  constexpr int kLastHost = 254;
+  for (int host = 1;; ++host) {
+    options.address = address == kFreeAddress ? fmt::format("127.0.1.{}", host) : address;
+    try {
+      return std::make_unique<virt::FakeCamera>(options, render);
+    } catch (const EnvironmentError&) {
+      if (address != kFreeAddress || host == kLastHost) throw;
+    }
+  }
+}
+
 void serve(const Options& o) {
   Interrupt interrupt;
-  if (!end_with_parent()) return;
+  if (!end_with_parent(o.parent)) return;
   const virt::VirtualScanner scanner(o.preset, o.seed, {.theta_mrad = o.theta_mrad, .bits = o.bits});
-  const virt::CameraData data = scanner.camera_data();
-  virt::PlcCoreOptions plc;
-  plc.patterns = static_cast<int>(scanner.plan().patterns.size());
-  plc.pitch_mm = scanner.pattern_pitch_mm();
+  virt::PlcCoreOptions plc = virt::plc_options_of(scanner);
   plc.per_pattern = std::chrono::milliseconds(o.motion_ms);
   plc.homing = std::chrono::milliseconds(o.motion_ms);
   plc.watchdog = std::chrono::milliseconds(o.watchdog_ms);
@@ -82,53 +82,38 @@ void serve(const Options& o) {
   hw::VirtualSelection selection = scene_selection(o.scene);
   selection.stack_seed = o.stack_seed;
   select(core, selection);
-  const std::vector<double> earlier = turns_in(o.state_file);
-  virt::ScannerView view(scanner, core, earlier);
-  const virt::FakeCamera camera({.address = o.address,
-                                 .serial = fmt::format("V{}", o.seed % 100'000'000'000),
-                                 .width_px = data.width_px,
-                                 .height_px = data.height_px,
-                                 .bits = data.bits,
-                                 .exposure_ms = data.exposure_ms,
-                                 .packet_loss = o.packet_loss,
-                                 .frame_log = o.frame_log},
-                                [&](double exposure_ms) { return view.picture(exposure_ms); });
-  const auto tcp = virt::serve_modbus_tcp(core, o.address, o.plc_port);
+  virt::ScannerView view(scanner, core);
+  virt::FakeCameraOptions device = virt::camera_options_of(scanner, o.seed);
+  device.packet_loss = o.packet_loss;
+  device.frame_log = o.frame_log;
+  const auto camera = serve_camera(device, o.address, [&](double exposure_ms) { return view.picture(exposure_ms); });
+  const auto tcp = virt::serve_modbus_tcp(core, device.address, o.plc_port);
   const auto rtu = o.rtu ? virt::serve_modbus_rtu(core) : nullptr;
   const auto mewtocol = o.mewtocol ? virt::serve_mewtocol(core) : nullptr;
 
-  const std::string plc_address = fmt::format("modbus-tcp://{}:{}", o.address, tcp->port());
+  const std::string plc_address = fmt::format("modbus-tcp://{}:{}", device.address, tcp->port());
+  const std::string pixel_format = device.bits > 8 ? "Mono12" : "Mono8";
   if (!o.scanner_file.empty()) {
     hw::ScannerFile file;
-    file.camera.address = o.address;
-    file.camera.pixel_format = data.bits > 8 ? "Mono12" : "Mono8";
+    file.camera.address = device.address;
+    file.camera.pixel_format = pixel_format;
     file.plc_address = plc_address;
     file.plan = scanner.plan();
     write_atomically(o.scanner_file, to_toml(file));
   }
   Value ready = Value::object()
-                    .set("camera", o.address)
+                    .set("camera", device.address)
                     .set("plc", plc_address)
                     .set("preset", o.preset)
                     .set("seed", std::to_string(o.seed))
-                    .set("bits", data.bits)
+                    .set("pixel_format", pixel_format)
                     .set("pid", static_cast<int>(getpid()));
   if (rtu) ready.set("plc_rtu", fmt::format("modbus-rtu:{}?baud=115200&slave=1", rtu->device()));
   if (mewtocol) ready.set("plc_mewtocol", fmt::format("mewtocol:{}?baud=9600&station=1", mewtocol->device()));
   fmt::print("{}\n", one_line(ready));
   std::fflush(stdout);
 
-  std::size_t turns_written = 0;
   while (!interrupt.wait(std::chrono::milliseconds(50)) && parent_lives()) {
-    const auto turns = core.snapshot().adjuster_turns_mrad;
-    if (o.state_file.empty() || turns.size() == turns_written) continue;
-    std::vector<double> all = earlier;
-    all.insert(all.end(), turns.begin(), turns.end());
-    write_atomically(o.state_file, to_json(Value::object()
-                                               .set("schema", kStateSchema)
-                                               .set("schema_version", 1)
-                                               .set("adjuster_turns_mrad", Value::numbers(all))));
-    turns_written = turns.size();
   }
   if (!o.truth_file.empty()) write_atomically(o.truth_file, to_json(scanner.truth(view.state())));
 }
@@ -145,7 +130,9 @@ void add_virtual(CLI::App& app) {
       ->check(CLI::Range(-1.5, 1.5));
   command->add_option("--bits", o->bits, "Bits per pixel: 8 (Mono8) or 12 (Mono12)")->capture_default_str();
   command
-      ->add_option("--address", o->address, "Address of camera and PLC; others of 127.x.x.x for instances side by side")
+      ->add_option("--address", o->address,
+                   "Address of camera and PLC; others of 127.x.x.x for instances side by side; \"free\": one that no "
+                   "other camera uses, which is printed")
       ->capture_default_str();
   command->add_option("--plc-port", o->plc_port, "Modbus TCP port, 0: a free one, which is printed")
       ->check(CLI::Range(0, 65535))
@@ -165,8 +152,8 @@ void add_virtual(CLI::App& app) {
       ->check(CLI::Range(0.0, 0.99))
       ->capture_default_str();
   command->add_option("--scanner-file", o->scanner_file, "Write a scanner.toml with the addresses and the plan here");
-  command->add_option("--state-file", o->state_file, "Keep the adjuster's turns here from one run to the next");
-  command->add_option("--frame-log", o->frame_log, "Write id and SHA-256 of every frame sent here");
+  command->add_option("--frame-log", o->frame_log, "Append id and SHA-256 of every frame sent to this file");
+  command->add_option("--parent", o->parent, "Number of the process that it serves: ends with it, however that ends");
   command->add_option("--truth", o->truth_file, "Write the true instrument here at the end (for tests)");
   command->footer(
       "One line of JSON on standard output says that it is ready, and its addresses. Example:\n"

@@ -1,10 +1,14 @@
 #include "cli/virtual_verification.h"
 
+#include "calib/align_record.h"
 #include "core/error.h"
 #include "core/file.h"
 #include "core/value.h"
 
 #include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
 
 namespace fringecal::cli {
 namespace {
@@ -57,12 +61,10 @@ VirtualVerification::VirtualVerification(const std::filesystem::path& folder)
     throw InputError(fmt::format("{}: the commissioning is not finished, scanner.json is missing; run it to its end",
                                  folder.string()));
   }
-  // The adjuster's turns, replayed: the grating stands as the commissioning left it.
-  for (int i = 0;; ++i) {
-    const auto file = folder_ / fmt::format("alignment/iteration-{}.json", i);
-    if (!std::filesystem::exists(file)) break;
-    const double turn = taken(file, "turn_mrad", [](const Value& v) { return v.if_real(); });
-    if (turn != 0) instrument_.turn_adjuster(turn, state_);
+  // The adjuster's turns, made again: the grating stands as the commissioning left it.
+  for (const auto& reading : calib::read_record(folder_ / "alignment" / "record.json").readings) {
+    if (reading.turn_before_rad == 0) continue;
+    instrument_.turn_adjuster(1e-6 * std::round(1e9 * reading.turn_before_rad), state_);  // whole nanoradians, as DT100 takes it
   }
 }
 

@@ -15,6 +15,7 @@
 #include <ctime>
 #include <fstream>
 #include <system_error>
+#include <vector>
 
 namespace fringecal {
 namespace fs = std::filesystem;
@@ -144,6 +145,22 @@ void FolderTransaction::commit() {
   committed_ = true;
   fs::remove_all(old, error);
   sync_folder(target_.has_parent_path() ? target_.parent_path() : fs::path("."));
+}
+
+void remove_unfinished(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> unfinished;
+  for (fs::recursive_directory_iterator entry(folder, error), end; !error && entry != end; entry.increment(error)) {
+    const fs::path name = entry->path().filename();  // NAME.PID.part
+    if (name.extension() != ".part" ||
+        name.stem().extension().string().find_first_not_of("0123456789", 1) != std::string::npos ||
+        name.stem().extension().string().size() < 2) {
+      continue;
+    }
+    unfinished.push_back(entry->path());
+    if (entry->is_directory(error)) entry.disable_recursion_pending();
+  }
+  for (const fs::path& path : unfinished) fs::remove_all(path, error);
 }
 
 }  // namespace fringecal

@@ -38,4 +38,8 @@ class FolderTransaction {
   bool committed_ = false;
 };
 
+/// Removes what a program that was killed while writing left unfinished in a folder and below it. Only for a folder in
+/// which no other program writes.
+void remove_unfinished(const std::filesystem::path& folder);
+
 }  // namespace fringecal

@@ -52,7 +52,7 @@ const CaptureReport& CaptureSequence::run(const std::stop_token& stop) {
   } catch (const EnvironmentError& e) {
     throw EnvironmentError(e.what() + where_it_stands(trouble));
   }
-  partial_->finish(info());
+  partial_->finish();
   if (!trouble.empty()) {
     throw EnvironmentError(fmt::format("{}: the capture is complete, but {}", options_.folder.string(), trouble));
   }
@@ -61,6 +61,10 @@ const CaptureReport& CaptureSequence::run(const std::stop_token& stop) {
 
 void CaptureSequence::capture_frames() {
   with_recovery("asking for its identity", [&] { camera_identity_ = camera_.identity(); });
+  with_recovery("asking for its state", [&] {
+    plc_identity_ = plc_.identity();
+    status_ = plc_.status();
+  });
   std::vector<double> exposures_ms;
   if (options_.exposure_ms) {
     exposures_ms.push_back(*options_.exposure_ms);
@@ -109,6 +113,7 @@ void CaptureSequence::with_recovery(const std::string& operation, const Work& wo
       if (reopening) pause(options_.reopen_pause);
       reopening = false;
       if (!camera_ready_) prepare_camera();
+      if (plc_needs_opening_) reopen_plc();
       if (stalled) forgive_watchdog();
       stalled = false;
       if (partial_ && !plc_ready_) prepare_plc();
@@ -163,12 +168,13 @@ void CaptureSequence::forgive_watchdog() {
   }
 }
 
+void CaptureSequence::reopen_plc() {
+  plc_.reopen();
+  ++report_.plc_reopened;
+  plc_needs_opening_ = false;
+}
+
 void CaptureSequence::prepare_plc() {
-  if (plc_needs_opening_) {
-    plc_.reopen();
-    ++report_.plc_reopened;
-    plc_needs_opening_ = false;
-  }
   plc_identity_ = plc_.identity();
   at_.reset();
   homed_ = false;
@@ -190,7 +196,6 @@ void CaptureSequence::prepare_plc() {
   plc_.set_lamp(true, options_.lamp_level);
   status_ = checked_status("switching the lamp on");
   if (!status_.lamp_on) throw PlcFault(fmt::format("{}: the lamp does not light", plc_identity_));
-  temperatures_degC_ = {{"grating", status_.temperature_degC}, {"room", status_.temperature_room_degC}};
   plc_ready_ = true;
 }
 
@@ -330,9 +335,8 @@ CaptureInfo CaptureSequence::info() const {
   info.width_px = camera_identity_.width_px;
   info.height_px = camera_identity_.height_px;
   info.bits = camera_identity_.bits;
-  info.temperatures_degC = temperatures_degC_;
-  info.devices = {{"camera", identity_text(camera_identity_)}};
-  if (!plc_identity_.empty()) info.devices["plc"] = plc_identity_;
+  info.temperatures_degC = {{"grating", status_.temperature_degC}, {"room", status_.temperature_room_degC}};
+  info.devices = {{"camera", identity_text(camera_identity_)}, {"plc", plc_identity_}};
   info.source = options_.source;
   return info;
 }

@@ -27,7 +27,6 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <optional>
 #include <stop_token>
 #include <string>
@@ -83,6 +82,7 @@ class CaptureSequence {
   void with_recovery(const std::string& operation, const Work& work);
   void capture_frames();
   void prepare_camera();
+  void reopen_plc();
   void prepare_plc();
   void forgive_watchdog();
   void find_exposures();
@@ -112,8 +112,7 @@ class CaptureSequence {
 
   CameraIdentity camera_identity_;
   std::string plc_identity_;
-  PlcStatus status_;  // the last one read
-  std::map<std::string, double> temperatures_degC_;
+  PlcStatus status_;               // the last one read
   std::uint16_t sequence_ = 0;     // of the last command
   std::optional<std::size_t> at_;  // the pattern in position
   std::optional<double> camera_exposure_ms_;

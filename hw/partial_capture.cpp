@@ -23,6 +23,20 @@ constexpr const char* kSchema = "fringecal.partial_capture";
 constexpr int kVersion = 1;
 constexpr const char* kStateFile = "partial.json";
 
+fs::path partial_folder(const fs::path& folder) { return folder.string() + ".partial"; }
+
+Value to_value(const std::map<std::string, double>& temperatures_degC) {
+  Value out = Value::object();
+  for (const auto& [name, degC] : temperatures_degC) out.set(name, degC);
+  return out;
+}
+
+Value to_value(const std::map<std::string, std::string>& devices) {
+  Value out = Value::object();
+  for (const auto& [role, identity] : devices) out.set(role, identity);
+  return out;
+}
+
 /// What two runs must have in common to share frames, as text to compare and to store.
 Value identity_of(const CaptureInfo& info, std::size_t exposures) {
   Value codes = Value::object(), patterns = Value::array();
@@ -59,7 +73,7 @@ fs::path without_slash(fs::path folder) {
 
 PartialCapture::PartialCapture(fs::path folder, Job job)
     : folder_(without_slash(std::move(folder))),
-      partial_(folder_.string() + ".partial"),
+      partial_(partial_folder(folder_)),
       job_(std::move(job)),
       frames_(job_.info.plan.patterns.size() * job_.exposures) {
   require(job_.exposures >= 1 && (job_.exposures_ms.empty() || job_.exposures_ms.size() == job_.exposures),
@@ -101,6 +115,7 @@ void PartialCapture::take_up() {
                     partial_.string(), fmt::join(exposures_ms, " and "), fmt::join(job_.exposures_ms, " and ")));
   }
   if (!exposures_ms.empty()) job_.exposures_ms = exposures_ms;
+  read_notes(fields, job_.info);
   fields.finish();
   find_frames();
 }
@@ -126,6 +141,7 @@ void PartialCapture::write_state() const {
   Value out = Value::object();
   out.set("schema", kSchema).set("schema_version", kVersion);
   out.set("capture", identity_of(job_.info, job_.exposures)).set("exposures_ms", Value::numbers(job_.exposures_ms));
+  out.set("temperatures_degC", to_value(job_.info.temperatures_degC)).set("devices", to_value(job_.info.devices));
   write_atomically(partial_ / kStateFile, to_json(out));
 }
 
@@ -168,14 +184,13 @@ void PartialCapture::merge(CaptureInfo& info) const {
   }
   Capture capture{.folder = {}, .info = info, .frames = merge_exposures(info.plan, stacks, (1 << info.bits) - 1)};
   write_capture(folder_, capture);
-  std::error_code ignored;
-  fs::remove_all(partial_, ignored);
+  discard_partial_capture(folder_);
 }
 
-void PartialCapture::finish(const CaptureInfo& given) {
+void PartialCapture::finish() {
   settle();
   require(frames_there() == frames_wanted(), "a capture is finished when all its frames are there");
-  CaptureInfo info = given;
+  CaptureInfo info = job_.info;
   info.exposure_ms = *std::min_element(job_.exposures_ms.begin(), job_.exposures_ms.end());
   info.frames.clear();
   for (std::size_t k = 0; k < info.plan.patterns.size(); ++k) {
@@ -201,8 +216,19 @@ void PartialCapture::finish(const CaptureInfo& given) {
   }
   write_capture_info(transaction.working(), info);
   transaction.commit();
+  discard_partial_capture(folder_);
+}
+
+void discard_partial_capture(const fs::path& folder) {
+  const fs::path partial = partial_folder(without_slash(folder));
   std::error_code ignored;
-  fs::remove_all(partial_, ignored);
+  // partial.json last: while it is there, what is left can be continued or removed.
+  std::vector<fs::path> frames;
+  for (const auto& entry : fs::directory_iterator(partial, ignored)) {
+    if (entry.path().filename() != kStateFile) frames.push_back(entry.path());
+  }
+  for (const fs::path& frame : frames) fs::remove_all(frame, ignored);
+  fs::remove_all(partial, ignored);
 }
 
 }  // namespace fringecal::hw

@@ -20,7 +20,8 @@ namespace fringecal::hw {
 class PartialCapture {
  public:
   /// What is to be captured. `info.frames` is not used; `info.exposure_ms` is left out; exposures_ms: empty where they
-  /// are still to be found.
+  /// are still to be found. Temperatures and devices are those of the run that began: a run that continues it finds
+  /// them in partial.json, so that an interrupted capture ends as the same bytes.
   struct Job {
     CaptureInfo info;
     std::size_t exposures = 1;  // number of exposures of every pattern
@@ -44,9 +45,8 @@ class PartialCapture {
   void save(std::size_t pattern, std::size_t exposure, GrayImage image);
   /// Waits until every frame is on disk. Throws EnvironmentError.
   void settle();
-  /// All frames are there: makes the capture of them, under its own name. The temperatures and devices are those of
-  /// `info`.
-  void finish(const CaptureInfo& info);
+  /// All frames are there: makes the capture of them, under its own name.
+  void finish();
 
  private:
   struct Saved {
@@ -65,5 +65,8 @@ class PartialCapture {
   std::future<Saved> writing_;
   std::size_t writing_index_ = 0;
 };
+
+/// Removes what is left of an interrupted capture whose folder is complete, if anything is.
+void discard_partial_capture(const std::filesystem::path& folder);
 
 }  // namespace fringecal::hw

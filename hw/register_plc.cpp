@@ -86,8 +86,9 @@ PlcStatus RegisterPlc::status() {
 std::string RegisterPlc::identity() {
   std::array<std::uint16_t, dt::kStatusWords> w{};
   read(dt::kMapVersion, w, "reading the identity (DT0 to DT13)");
-  return fmt::format("{} (register map {}, {} patterns{})", name_, w[dt::kMapVersion], w[dt::kPatterns],
-                     w[dt::kIsVirtual] != 0 ? ", virtual" : "");
+  // Where a virtual PLC listens says nothing about it: it takes another port in every run.
+  return fmt::format("{} (register map {}, {} patterns)", w[dt::kIsVirtual] != 0 ? "virtual PLC" : name_,
+                     w[dt::kMapVersion], w[dt::kPatterns]);
 }
 
 void RegisterPlc::command(PlcCommand command, std::uint16_t sequence, std::uint16_t target_pattern) {

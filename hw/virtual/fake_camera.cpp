@@ -125,7 +125,7 @@ void FakeCamera::Device::start() {
   }
   ArvFakeCamera* camera = arv_gv_fake_camera_get_fake_camera(gv);
   g_object_set(gv, "gvsp-lost-ratio", options.packet_loss, nullptr);
-  constexpr std::string_view model = "fringecal virtual scanner";
+  constexpr std::string_view model = kModel;
   arv_fake_camera_write_memory(camera, kModelName, model.size() + 1, model.data());
   const auto set = [&](std::uint32_t place, std::uint32_t value) {
     arv_fake_camera_write_register(camera, place, value);
@@ -194,7 +194,7 @@ FakeCamera::FakeCamera(FakeCameraOptions options, Render render) : device_(std::
   device_->options = std::move(options);
   device_->render = std::move(render);
   if (const fs::path& file = device_->options.frame_log; !file.empty()) {
-    device_->log = open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_APPEND | O_CLOEXEC, 0644);
+    device_->log = open(file.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
     if (device_->log < 0) throw EnvironmentError(fmt::format("{}: {}", file.string(), std::strerror(errno)));
   }
   device_->start();

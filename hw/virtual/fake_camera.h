@@ -27,11 +27,15 @@ struct FakeCameraOptions {
   int bits = 8;                          // of the rendered picture, 8 or 12; also the pixel format it wakes up with
   double exposure_ms = 10;               // it wakes up with
   double packet_loss = 0;                // share of the packets that are dropped, [0, 1)
-  std::filesystem::path frame_log = {};  // "id sha256" of each frame sent, as it is on the wire; empty: none
+  std::filesystem::path frame_log = {};  // "id sha256" of each frame sent, as it is on the wire, is appended here;
+                                         // empty: none
 };
 
 class FakeCamera {
  public:
+  static constexpr const char* kVendor = "Aravis";  // whose device it is
+  static constexpr const char* kModel = "fringecal virtual scanner";
+
   /// The picture for this exposure; called from the camera's own thread. An exception from it ends the program: a
   /// camera has no way to report it, and any other picture would be a lie.
   using Render = std::function<GrayImage(double exposure_ms)>;

@@ -8,10 +8,9 @@
 
 namespace fringecal::virt {
 
-ScannerView::ScannerView(const VirtualScanner& scanner, PlcCore& plc, std::vector<double> earlier_turns_mrad)
+ScannerView::ScannerView(const VirtualScanner& scanner, PlcCore& plc)
     : scanner_(scanner),
       plc_(plc),
-      earlier_turns_mrad_(std::move(earlier_turns_mrad)),
       dark_(scanner.see({}, {})),
       ahead_([this](const std::stop_token& stop) { work_ahead(stop); }) {
   plc_.wait_for_scene([this](const hw::VirtualSelection& selection) {
@@ -45,7 +44,6 @@ ScannerView::Request ScannerView::request(double exposure_ms) {
 
 InstrumentState ScannerView::state_of(const Request& r) const {
   InstrumentState state;
-  for (const double turn : earlier_turns_mrad_) scanner_.turn_adjuster(turn, state);
   for (const double turn : r.turns_mrad) scanner_.turn_adjuster(turn, state);
   if (r.warm_up_min != hw::kWarmedUp) state.minutes_since_start = r.warm_up_min;
   state.exposure = r.exposure;

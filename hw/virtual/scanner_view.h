@@ -29,8 +29,8 @@ namespace fringecal::virt {
 
 class ScannerView {
  public:
-  /// Both must outlive it. earlier_turns_mrad: turns made before the PLC was switched on.
-  ScannerView(const VirtualScanner& scanner, PlcCore& plc, std::vector<double> earlier_turns_mrad = {});
+  /// Both must outlive it.
+  ScannerView(const VirtualScanner& scanner, PlcCore& plc);
   ~ScannerView();
 
   GrayImage picture(double exposure_ms);
@@ -58,7 +58,6 @@ class ScannerView {
 
   const VirtualScanner& scanner_;
   PlcCore& plc_;
-  std::vector<double> earlier_turns_mrad_;
 
   /// What a scene's geometry depends on.
   using SceneKey = std::pair<std::string, std::uint16_t>;

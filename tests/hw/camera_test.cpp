@@ -75,7 +75,7 @@ hw::CameraFrame take(hw::Camera& camera, std::chrono::milliseconds limit = 2000m
 }
 
 TEST(AravisCamera, GivesEveryByteOf200FramesAsTheDeviceSentThem) {
-  const test::ScratchFolder scratch;
+  const test::TemporaryFolder scratch;
   Fixture fixture({.address = "127.0.0.41", .frame_log = scratch / "frames"});
   AravisCamera camera({.address = "127.0.0.41"});
   std::vector<std::pair<std::uint64_t, std::string>> got;

@@ -39,7 +39,7 @@ constexpr PlcCoreOptions kMoving{
 struct Bench {
   explicit Bench(PlcCoreOptions plc_options = kMoving)
       : core_options(plc_options), core(std::make_unique<PlcCore>(plc_options, clock)), plc(*core), camera(*core) {
-    options.folder = temporary.path / "stack";
+    options.folder = temporary / "stack";
     options.plan = small_plan();
     options.source = "bench";
     options.exposure_ms = 1.5;
@@ -70,14 +70,14 @@ struct Bench {
     EXPECT_EQ(int32_from(w[dt::kPosition], w[dt::kPosition + 1]), 0) << "the stage is not parked";
     EXPECT_EQ(w[dt::kState], 0);
   }
-  fs::path partial() const { return temporary.path / "stack.partial"; }
+  fs::path partial() const { return temporary / "stack.partial"; }
   int partial_frames() const {
     int n = 0;
     for (const auto& entry : fs::directory_iterator(partial())) n += entry.path().extension() == ".png";
     return n;
   }
 
-  test::TemporaryFolder temporary;
+  test::TemporaryFolder temporary{test::memory_folder()};
   test::FakeClock clock;
   PlcCoreOptions core_options;
   std::unique_ptr<PlcCore> core;

@@ -40,7 +40,7 @@ class PlcLink : public testing::TestWithParam<Wire> {
   PlcLink() { serve(); }
 
   void serve() {
-    const std::string link = (folder_.path / "tty").string();
+    const std::string link = (folder_ / "tty").string();
     switch (GetParam()) {
       case Wire::modbus_tcp:
         server_ = virt::serve_modbus_tcp(*core_, "127.0.0.1", port_);
@@ -58,7 +58,7 @@ class PlcLink : public testing::TestWithParam<Wire> {
     }
   }
 
-  test::TemporaryFolder folder_;
+  test::TemporaryFolder folder_{test::memory_folder()};
   int port_ = 0;
   std::unique_ptr<PlcCore> core_ = std::make_unique<PlcCore>();
   std::unique_ptr<ByteServer> server_;
@@ -69,7 +69,7 @@ INSTANTIATE_TEST_SUITE_P(All, PlcLink, testing::Values(Wire::modbus_tcp, Wire::m
 
 TEST_P(PlcLink, RunsTheWholeRegisterMap) {
   const auto plc = open_plc(address_, kLink);
-  EXPECT_EQ(plc->identity(), "PLC at " + address_ + " (register map 1, 11 patterns, virtual)");
+  EXPECT_EQ(plc->identity(), "virtual PLC (register map 1, 11 patterns)");
   plc->command(PlcCommand::home, 1);
   EXPECT_EQ(plc->status().sequence_done, 1);
   plc->set_lamp(true, 0.5);
@@ -206,7 +206,7 @@ TEST_P(PlcLink, ACaptureSurvivesThePlcsRestartInTheMiddleOfAMove) {
   test::FakeCamera camera(*core_);
   HookedClock clock;
   CaptureOptions options;
-  options.folder = folder_.path / "stack";
+  options.folder = folder_ / "stack";
   options.plan.x = FringeCode{.gray_bits = 1, .phase_steps = 4};
   options.plan.patterns.push_back({.kind = PatternKind::gray});
   for (int k = 0; k < 4; ++k) options.plan.patterns.push_back({.kind = PatternKind::phase, .index = k});
@@ -241,7 +241,7 @@ TEST_P(PlcLink, ACaptureSurvivesLateAndLostAnswers) {
   test::FakeCamera camera(*core_);
   SystemClock clock;
   CaptureOptions options;
-  options.folder = folder_.path / "stack";
+  options.folder = folder_ / "stack";
   options.plan.x = FringeCode{.gray_bits = 0, .phase_steps = 3};
   for (int k = 0; k < 3; ++k) options.plan.patterns.push_back({.kind = PatternKind::phase, .index = k});
   options.exposure_ms = 1.5;

@@ -30,7 +30,7 @@ hw::ScannerFile example() {
 }
 
 TEST(ScannerFile, ReadsBackWhatIsWritten) {
-  const test::ScratchFolder scratch;
+  const test::TemporaryFolder scratch;
   const hw::ScannerFile written = example();
   write_atomically(scratch / "scanner.toml", to_toml(written));
   const hw::ScannerFile read = hw::read_scanner_file(scratch / "scanner.toml");
@@ -41,7 +41,7 @@ TEST(ScannerFile, ReadsBackWhatIsWritten) {
 }
 
 TEST(ScannerFile, RefusesWhatCannotBeMeant) {
-  const test::ScratchFolder scratch;
+  const test::TemporaryFolder scratch;
   const auto refused = [&](const std::string& from, const std::string& to) -> std::string {
     std::string text = to_toml(example());
     text.replace(text.find(from), from.size(), to);

@@ -5,12 +5,10 @@
 #include "hw/clock.h"
 #include "hw/register_plc.h"
 #include "hw/virtual/plc_core.h"
+#include "tests/support/temporary_folder.h"
 
-#include <unistd.h>
 #include <atomic>
-#include <filesystem>
 #include <functional>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -101,24 +99,7 @@ class FakeCamera : public Camera {
   std::uint64_t last_id_ = 0;
 };
 
-/// An empty folder that vanishes at the end.
-class TemporaryFolder {
- public:
-  TemporaryFolder() {
-    // In memory where there is such a place: these tests are not about the disk, and syncing it takes most of the time.
-    std::error_code error;
-    const std::filesystem::path memory = "/dev/shm";
-    const bool usable = std::filesystem::is_directory(memory, error) && ::access(memory.c_str(), W_OK) == 0;
-    std::string name = ((usable ? memory : std::filesystem::temp_directory_path()) / "fringecal_hw_XXXXXX").string();
-    path = ::mkdtemp(name.data());
-  }
-  TemporaryFolder(const TemporaryFolder&) = delete;
-  TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-  ~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path, ignored);
-  }
-  std::filesystem::path path;
-};
+using fringecal::test::memory_folder;
+using fringecal::test::TemporaryFolder;
 
 }  // namespace fringecal::hw::test

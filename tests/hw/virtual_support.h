@@ -42,6 +42,9 @@ class ChangedPreset {
   std::filesystem::path file_;
 };
 
+/// A sixteenth of the pixels, each four times as large: the same field.
+inline Changes few_pixels() { return {{"width_px", "348"}, {"height_px", "260"}, {"pixel_mm", "0.0258"}}; }
+
 /// No random error of any kind, 12 bits, and a sensor of `rows` rows only.
 inline Changes without_errors(int rows, Changes more = {}) {
   Changes out{{"height_px", std::to_string(rows)},

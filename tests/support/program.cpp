@@ -120,17 +120,6 @@ std::optional<int> RunningProgram::wait(std::chrono::milliseconds limit) {
   }
 }
 
-ScratchFolder::ScratchFolder() {
-  std::string name = (fs::temp_directory_path() / "fringecal-test-XXXXXX").string();
-  if (!mkdtemp(name.data())) throw std::runtime_error("cannot make a scratch folder");
-  path_ = name;
-}
-
-ScratchFolder::~ScratchFolder() {
-  std::error_code error;
-  fs::remove_all(path_, error);
-}
-
 std::vector<std::string> listing(const fs::path& folder) {
   std::vector<std::string> names;
   if (!fs::exists(folder)) return names;

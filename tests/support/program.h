@@ -1,6 +1,8 @@
 // Running the program as its user does: an argument vector, no shell; exit code and both outputs.
 #pragma once
 
+#include "tests/support/temporary_folder.h"
+
 #include <chrono>
 #include <filesystem>
 #include <optional>
@@ -37,19 +39,7 @@ class RunningProgram {
   std::string received_;
 };
 
-/// A folder of its own for one test, removed at the end of the test.
-class ScratchFolder {
- public:
-  ScratchFolder();
-  ~ScratchFolder();
-  ScratchFolder(const ScratchFolder&) = delete;
-  ScratchFolder& operator=(const ScratchFolder&) = delete;
-  std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
-  const std::filesystem::path& path() const { return path_; }
-
- private:
-  std::filesystem::path path_;
-};
+using ScratchFolder = TemporaryFolder;
 
 /// Names of everything below a folder, sorted: to see that nothing half-written is left.
 std::vector<std::string> listing(const std::filesystem::path& folder);
