@@ -2,6 +2,7 @@
 #include "metrology/history.h"
 #include "core/error.h"
 #include "core/file.h"
+#include "tests/support/long_tests.h"
 #include "tests/support/temporary_folder.h"
 
 #include <gtest/gtest.h>
@@ -127,7 +128,7 @@ TEST(History, LosesNothingCommittedWhenWritersAreKilled) {
   const TemporaryFolder folder;
   const auto file = folder.path() / "history.db";
   fill(file, 1);
-  const int kills = std::getenv("FRINGECAL_LONG") != nullptr ? 200 : 20;
+  const int kills = test::long_tests() ? 200 : 20;
   std::mt19937 random(7);
   std::map<std::int64_t, std::string> committed;
   for (int k = 0; k < kills; ++k) {
