@@ -21,6 +21,7 @@ void add_live(CLI::App& app);
 void add_virtual(CLI::App& app);
 void add_plan(CLI::App& app);
 void add_verify(CLI::App& app);
+void add_register(CLI::App& app);
 void add_history(CLI::App& app);
 
 }  // namespace fringecal::cli

@@ -27,6 +27,7 @@ int main(int argc, char** argv) {
   cli::add_align(app);
   cli::add_calibrate(app);
   cli::add_measure(app);
+  cli::add_register(app);
   cli::add_fit(app);
   cli::add_import(app);
   cli::add_decode(app);

@@ -1,6 +1,7 @@
 #include "hw/virtual/standard_scenes.h"
 
 #include "core/error.h"
+#include "hw/virtual/free_form.h"
 #include "hw/virtual/random.h"
 
 #include <fmt/format.h>
@@ -27,8 +28,7 @@ Rigid3 put(const Preset::Placing& placing, const Place& p, Stream& random) {
   return {(scatter * nominal).normalized(), Eigen::Vector3d(p[0], p[1], p[2]) + shift};
 }
 
-SceneObject object(std::string name, std::variant<FlatBoard, PatternBoard, Sphere, Cylinder> shape,
-                   const Rigid3& pose) {
+SceneObject object(std::string name, Shape shape, const Rigid3& pose) {
   SceneObject out;
   out.name = std::move(name);
   out.shape = std::move(shape);
@@ -47,6 +47,31 @@ Scene ball_bar_scene(const Preset& preset, std::uint64_t instrument_seed, const 
   SceneObject rod = object("rod", Cylinder{kRodDiameter, distance - a / 2 - b / 2 + 2}, pose * rod_from_bar);
   rod.albedo = kRodAlbedo;
   scene.objects.push_back(rod);
+  return scene;
+}
+
+// A plaster model on a turntable, an eighth of a turn further in each view; twelve spheres of 20 mm stand 12 mm off its
+// surface on pins that nobody sees. The table's axis is vertical, 100 mm behind R.
+Scene plaster_scene(int view) {
+  const FreeForm form;
+  const Rigid3 axis{Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -100)};
+  const Rigid3 turned =
+      axis * Rigid3{rotation_from_vector({0, view * std::numbers::pi / 4, 0}), Eigen::Vector3d::Zero()};
+  Scene scene{{object("plaster", form, turned)}};
+  const FreeFormSurface surface({form.length_mm / 2, form.height_mm / 2, form.depth_mm / 2}, form.relief,
+                                static_cast<std::uint64_t>(form.seed));
+  for (int k = 0; k < 12; ++k) {
+    const double turn = k * std::numbers::pi / 6 + 0.05 * (k % 3);
+    const Eigen::Vector3d outwards =
+        Eigen::Vector3d(std::cos(turn), 0.5 * std::sin(2.1 * k), std::sin(turn)).normalized();
+    const auto way = surface.hit(1000 * outwards, -outwards, 0);
+    require(way.has_value(), "a ray to the middle of a free form meets it");
+    const Eigen::Vector3d foot = (1000 - *way) * outwards;
+    constexpr double kOff = 12, kDiameter = 20;
+    scene.objects.push_back(
+        object(fmt::format("sphere {}", k), Sphere{kDiameter},
+               turned * Rigid3{Eigen::Quaterniond::Identity(), foot + kOff * surface.normal(foot)}));
+  }
   return scene;
 }
 
@@ -130,6 +155,7 @@ std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrume
     if (!pose) return std::nullopt;
     return Scene{{object("flat", FlatBoard{preset.flat_width_mm, preset.flat_height_mm}, *pose)}};
   }
+  if (kind == "plaster" && numbered) return plaster_scene(std::stoi(number));
   if (kind == "ball_bar" && preset.artefacts.contains("bar")) {
     const auto pose = place_of(preset.ball_bar);
     if (!pose) return std::nullopt;

@@ -106,7 +106,7 @@ class VirtualScanner {
 
   /// Scenes of the standard commissioning, by name: "alignment", "calibration 0" .. "calibration 14", "plane R" (R:
   /// repeat, a slightly different place each), "spheres R", "cylinder R"; of the acceptance plans "probing P",
-  /// "ball_bar P", "flat P" (P: place). Throws std::logic_error on another name.
+  /// "ball_bar P", "flat P" (P: place); "plaster V" (V: view, an eighth of a turn each). Throws std::logic_error on another name.
   Scene standard_scene(const std::string& name) const;
   bool has_standard_scene(const std::string& name) const;
   /// How many calibration scenes the preset has.
