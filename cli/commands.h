@@ -19,5 +19,9 @@ void add_capture(CLI::App& app);
 void add_devices(CLI::App& app);
 void add_live(CLI::App& app);
 void add_virtual(CLI::App& app);
+void add_plan(CLI::App& app);
+void add_verify(CLI::App& app);
+void add_register(CLI::App& app);
+void add_history(CLI::App& app);
 
 }  // namespace fringecal::cli

@@ -21,9 +21,13 @@ int main(int argc, char** argv) {
   app.set_version_flag("--version", std::string("fringecal ") + kProgramVersion);
   app.require_subcommand(1);
   cli::add_commission(app);
+  cli::add_verify(app);
+  cli::add_plan(app);
+  cli::add_history(app);
   cli::add_align(app);
   cli::add_calibrate(app);
   cli::add_measure(app);
+  cli::add_register(app);
   cli::add_fit(app);
   cli::add_import(app);
   cli::add_decode(app);

@@ -223,6 +223,23 @@ Result<std::vector<ArtefactMeasurement>> measure_artefacts(const PointCloud& clo
   return out;
 }
 
+std::vector<ArtefactMeasurement> measure_all(const PointCloud& cloud, const model::Scanner& scanner,
+                                             const NominalArtefact& nominal, const ArtefactOptions& options) {
+  const Places places{scanner.world_from_cam().translation_mm, scanner.world_from_proj().translation_mm};
+  std::vector<ArtefactMeasurement> out;
+  for (const auto& segment : segments_of(cloud, options.max_gap_mm, options.min_points)) {
+    std::vector<Eigen::Vector3d> points;
+    for (const std::size_t i : segment) points.push_back(cloud.points[i].position_mm);
+    const auto surface = fit_surface(nominal.kind, thinned(points, kThinned), fitting::Rejection::none);
+    if (!surface || std::abs(surface->diameter / nominal.diameter_mm - 1.0) > options.max_size_error) continue;
+    auto measurement = refine(cloud, segment, *surface, places, options);
+    if (!measurement) continue;
+    measurement->name = nominal.name;
+    out.push_back(std::move(*measurement));
+  }
+  return out;
+}
+
 Result<double> u_diameter_from_calibration(const ArtefactMeasurement& measurement, const model::Scanner& scanner) {
   require(measurement.diameter_mm.has_value(), "u of a diameter is asked of an artefact that has one");
   const auto points = thinned(measurement.points_mm, 2000);

@@ -61,6 +61,11 @@ Result<std::vector<ArtefactMeasurement>> measure_artefacts(const PointCloud& clo
                                                            std::span<const NominalArtefact> nominals,
                                                            const ArtefactOptions& options = {});
 
+/// Every segment that is this nominal by size, by falling number of points: reference spheres, of which nobody knows how
+/// many a view sees. Segments that fit by size but not by rules 3 to 5 are left out.
+std::vector<ArtefactMeasurement> measure_all(const PointCloud& cloud, const model::Scanner& scanner,
+                                             const NominalArtefact& nominal, const ArtefactOptions& options = {});
+
 /// u_cal of a measured diameter (metrology/calibration_uncertainty.h), from at most 2000 of its points.
 Result<double> u_diameter_from_calibration(const ArtefactMeasurement& measurement, const model::Scanner& scanner);
 

@@ -27,7 +27,7 @@ std::vector<Eigen::Vector3d> retriangulate(std::span<const Eigen::Vector3d> poin
 }
 
 Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,
-                                  const Quantity& quantity) {
+                                  const PointFunction& quantity) {
   const auto& uncertainty = scanner.uncertainty;
   const auto n = static_cast<Eigen::Index>(uncertainty.names.size());
   if (n == 0) return unanswerable("the Scanner file has no covariance, so the calibration's part of u is not known");

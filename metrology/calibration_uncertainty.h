@@ -18,7 +18,7 @@
 
 namespace fringecal::metrology {
 
-using Quantity = std::function<Result<double>(std::span<const Eigen::Vector3d> points_mm)>;
+using PointFunction = std::function<Result<double>(std::span<const Eigen::Vector3d> points_mm)>;
 
 /// The points as a scanner with changed parameters would have given them from the same pixels and phases. Points that
 /// the changed model cannot reach are left out.
@@ -27,6 +27,6 @@ std::vector<Eigen::Vector3d> retriangulate(std::span<const Eigen::Vector3d> poin
 
 /// Eq. 1, in the unit of the quantity.
 Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,
-                                  const Quantity& quantity);
+                                  const PointFunction& quantity);
 
 }  // namespace fringecal::metrology

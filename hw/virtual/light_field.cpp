@@ -86,13 +86,15 @@ Hit Tracer::trace(double x, double y) const {
 }
 
 bool Tracer::shadowed(int object, const Eigen::Vector3d& point_in_part) const {
-  if (placed_.size() < 2) return false;
+  const bool self = placed_[static_cast<std::size_t>(object)].solid->can_shade_itself();
+  if (placed_.size() < 2 && !self) return false;
   const Eigen::Vector3d point = placed_[static_cast<std::size_t>(object)].solid->world_from_part() * point_in_part;
   for (std::size_t k = 0; k < placed_.size(); ++k) {
-    if (static_cast<int>(k) == object) continue;  // every solid is convex, or as good as flat
+    if (static_cast<int>(k) == object && !self) continue;  // the others are convex, or as good as flat
     const Placed& p = placed_[k];
     const Eigen::Vector3d origin = p.part_from_world * point;
-    const auto t = p.solid->hit({origin, p.pupil_in_part - origin}, 0.0);
+    // A body's own surface counts from 0.1 mm on, on the way of about a metre.
+    const auto t = p.solid->hit({origin, p.pupil_in_part - origin}, static_cast<int>(k) == object ? 1e-4 : 0.0);
     if (t && *t < 1.0) return true;
   }
   return false;

@@ -110,6 +110,18 @@ Preset::Placing placing_from(Fields& f, std::initializer_list<const char*> objec
   return out;
 }
 
+Preset::Placing numbered_places(Fields& f) {
+  Preset::Placing out = placing_from(f, {});
+  const Value places = f.raw("places");
+  if (!places.if_array() || places.if_array()->empty()) f.complain("'places' must be a list of places");
+  for (std::size_t k = 0; k < places.if_array()->size(); ++k) {
+    const std::string index = std::to_string(k);
+    Fields one(Value::object().set(index, (*places.if_array())[k]), f.file(), "places");
+    out.places[index] = place_from(one, index.c_str());
+  }
+  return out;
+}
+
 void read_scenes(Fields f, Preset& p) {
   const auto simple = [&](const char* name, std::initializer_list<const char*> objects) {
     Fields scene = f.table(name);
@@ -125,15 +137,22 @@ void read_scenes(Fields f, Preset& p) {
   p.cylinder_length_mm = positive(cylinder, "length_mm");
   cylinder.finish();
   Fields calibration = f.table("calibration");
-  p.calibration = placing_from(calibration, {});
-  const Value places = calibration.raw("places");
-  if (!places.if_array() || places.if_array()->empty()) calibration.complain("'places' must be a list of places");
-  for (std::size_t k = 0; k < places.if_array()->size(); ++k) {
-    const std::string index = std::to_string(k);
-    Fields one(Value::object().set(index, (*places.if_array())[k]), f.file(), "scenes.calibration.places");
-    p.calibration.places[index] = place_from(one, index.c_str());
-  }
+  p.calibration = numbered_places(calibration);
   calibration.finish();
+  if (auto probing = f.optional_table("probing")) {
+    p.probing = numbered_places(*probing);
+    probing->finish();
+  }
+  if (auto ball_bar = f.optional_table("ball_bar")) {
+    p.ball_bar = numbered_places(*ball_bar);
+    ball_bar->finish();
+  }
+  if (auto plate = f.optional_table("flat")) {
+    p.flat = numbered_places(*plate);
+    p.flat_width_mm = positive(*plate, "width_mm");
+    p.flat_height_mm = positive(*plate, "height_mm");
+    plate->finish();
+  }
   f.finish();
 }
 
@@ -174,7 +193,9 @@ void read_small_tables(Fields& f, Preset& p) {
   p.flat_board_height_mm = positive(flat, "height_mm");
   flat.finish();
   Fields artefacts = f.table("artefacts");
-  for (const char* name : {"sphere30", "sphere38", "sphere50", "cylinder"}) {
+  const bool with_bar = artefacts.has("bar");
+  for (const char* name : {"sphere30", "sphere38", "sphere50", "cylinder", "bar", "bar_a", "bar_b"}) {
+    if (!with_bar && std::string_view(name).starts_with("bar")) continue;
     Fields one = artefacts.table(name);
     p.artefacts[name] = {positive(one, "nominal_mm"), not_negative(one, "making_mm"), not_negative(one, "U_mm") / 2.0};
     one.finish();

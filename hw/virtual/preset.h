@@ -62,13 +62,17 @@ struct Preset {
   struct Artefact {
     double nominal_mm, making_mm, u_mm;
   };
-  std::map<std::string, Artefact> artefacts;  // "sphere30", "sphere38", "sphere50", "cylinder"
+  // "sphere30", "sphere38", "sphere50", "cylinder"; with a ball bar "bar_a", "bar_b" (its spheres), "bar" (their distance)
+  std::map<std::string, Artefact> artefacts;
 
   struct Placing {
     double shift_mm, turn_deg;
     std::map<std::string, Place> places;  // by object, or "0", "1", ... for calibration
   };
   Placing alignment, calibration, plane, spheres, cylinder;
+  // Places of the acceptance plans, by "0", "1", ...; without any where the preset has none.
+  Placing probing, ball_bar, flat;
+  double flat_width_mm = 0, flat_height_mm = 0;  // of the flat, which is smaller than the board
   double cylinder_length_mm;
 
   /// Width of the coded part of the grating: stripes times stripe width.

@@ -13,13 +13,20 @@ double positive(Fields& f, const char* key) {
   return value;
 }
 
-std::variant<FlatBoard, PatternBoard, Sphere, Cylinder> shape_from(Fields& f) {
+Shape shape_from(Fields& f) {
   const std::string kind = f.text("kind");
   if (kind == "flat") return FlatBoard{positive(f, "width_mm"), positive(f, "height_mm")};
   if (kind == "sphere") return Sphere{positive(f, "diameter_mm")};
   if (kind == "cylinder") return Cylinder{positive(f, "diameter_mm"), positive(f, "length_mm")};
+  if (kind == "free form") {
+    FreeForm form{positive(f, "length_mm"), positive(f, "height_mm"), positive(f, "depth_mm")};
+    form.relief = f.optional_number("relief").value_or(form.relief);
+    form.seed = f.optional_integer("seed").value_or(form.seed);
+    if (!(form.relief >= 0 && form.relief < 0.25)) f.complain("'relief' lies between 0 and 0.25");
+    return form;
+  }
   if (kind != "board") {
-    f.complain(fmt::format("kind is '{}'; it is \"flat\", \"board\", \"sphere\" or \"cylinder\"", kind));
+    f.complain(fmt::format("kind is '{}'; it is \"flat\", \"board\", \"sphere\", \"cylinder\" or \"free form\"", kind));
   }
   PatternBoard board;
   board.board = model::board_from(f.table("board"));
@@ -42,6 +49,10 @@ struct ShapeToValue {
   void operator()(const Sphere& s) const { out.set("kind", "sphere").set("diameter_mm", s.diameter_mm); }
   void operator()(const Cylinder& s) const {
     out.set("kind", "cylinder").set("diameter_mm", s.diameter_mm).set("length_mm", s.length_mm);
+  }
+  void operator()(const FreeForm& s) const {
+    out.set("kind", "free form").set("length_mm", s.length_mm).set("height_mm", s.height_mm);
+    out.set("depth_mm", s.depth_mm).set("relief", s.relief).set("seed", s.seed);
   }
 };
 

@@ -33,9 +33,18 @@ struct Cylinder {
   double diameter_mm = 119.85, length_mm = 200;
 };
 
+/// A plaster model: hw/virtual/free_form.h. Height along the pose's y.
+struct FreeForm {
+  double length_mm = 320, height_mm = 250, depth_mm = 200;
+  double relief = 0.12;
+  int seed = 1;  // of its waves: the same body in every view
+};
+
+using Shape = std::variant<FlatBoard, PatternBoard, Sphere, Cylinder, FreeForm>;
+
 struct SceneObject {
   std::string name;
-  std::variant<FlatBoard, PatternBoard, Sphere, Cylinder> shape;
+  Shape shape;
   Rigid3 world_from_part;
   double albedo = 1.0;   // of the white board at the grating's calibration level
   double texture = 0.0;  // rms of a smooth albedo texture, relative
@@ -45,7 +54,7 @@ struct Scene {
   std::vector<SceneObject> objects;
 };
 
-/// TOML: [[objects]] name, kind = "flat" | "board" | "sphere" | "cylinder", position_mm, rotation_deg (rotation
+/// TOML: [[objects]] name, kind = "flat" | "board" | "sphere" | "cylinder" | "free form", position_mm, rotation_deg (rotation
 /// vector), and the shape's own keys.
 Scene read_scene(const std::filesystem::path& file);
 Value to_value(const Scene& scene);

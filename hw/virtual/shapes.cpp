@@ -35,6 +35,10 @@ Solid::Solid(const SceneObject& object, const Preset& preset, std::uint64_t inst
     kind_ = Kind::cylinder;
     radius_ = 0.5 * cylinder->diameter_mm;
     half_length_ = 0.5 * cylinder->length_mm;
+  } else if (const auto* form = std::get_if<FreeForm>(&object.shape)) {
+    kind_ = Kind::free_form;
+    free_form_.emplace(0.5 * Eigen::Vector3d(form->length_mm, form->height_mm, form->depth_mm), form->relief,
+                       static_cast<std::uint64_t>(form->seed));
   }
   if (texture_ > 0) {
     // Eight plane waves of 15 to 60 mm in random directions: smooth, rms sqrt(8 / 2) of one wave's amplitude.
@@ -49,6 +53,7 @@ Solid::Solid(const SceneObject& object, const Preset& preset, std::uint64_t inst
 
 std::optional<double> Solid::hit(const Ray& ray, double t_min) const {
   const Eigen::Vector3d &o = ray.origin, &d = ray.direction;
+  if (kind_ == Kind::free_form) return free_form_->hit(o, d, t_min);
   if (kind_ == Kind::sphere) return first_root(d.squaredNorm(), o.dot(d), o.squaredNorm() - radius_ * radius_, t_min);
   if (kind_ == Kind::sheet) {
     // c |o_xy + t d_xy|^2 = o_z + t d_z; the root that goes over into the plane's for c -> 0.
@@ -84,6 +89,7 @@ std::optional<double> Solid::hit(const Ray& ray, double t_min) const {
 }
 
 Eigen::Vector3d Solid::normal(const Eigen::Vector3d& p) const {
+  if (kind_ == Kind::free_form) return free_form_->normal(p);
   if (kind_ == Kind::sphere) return p.normalized();
   if (kind_ == Kind::sheet) {
     return Eigen::Vector3d(-2.0 * curvature_ * p.x(), -2.0 * curvature_ * p.y(), 1.0).normalized();

@@ -1,6 +1,7 @@
 #include "hw/virtual/standard_scenes.h"
 
 #include "core/error.h"
+#include "hw/virtual/free_form.h"
 #include "hw/virtual/random.h"
 
 #include <fmt/format.h>
@@ -27,13 +28,51 @@ Rigid3 put(const Preset::Placing& placing, const Place& p, Stream& random) {
   return {(scatter * nominal).normalized(), Eigen::Vector3d(p[0], p[1], p[2]) + shift};
 }
 
-SceneObject object(std::string name, std::variant<FlatBoard, PatternBoard, Sphere, Cylinder> shape,
-                   const Rigid3& pose) {
+SceneObject object(std::string name, Shape shape, const Rigid3& pose) {
   SceneObject out;
   out.name = std::move(name);
   out.shape = std::move(shape);
   out.world_from_part = pose;
   return out;
+}
+
+// Two white spheres along the pose's x, held by a black rod of carbon fibre.
+Scene ball_bar_scene(const Preset& preset, std::uint64_t instrument_seed, const Rigid3& pose) {
+  const double distance = true_size_mm(preset, instrument_seed, "bar");
+  const double a = true_size_mm(preset, instrument_seed, "bar_a"), b = true_size_mm(preset, instrument_seed, "bar_b");
+  const auto along = [&](double x) { return pose * Rigid3{Eigen::Quaterniond::Identity(), Eigen::Vector3d(x, 0, 0)}; };
+  Scene scene{{object("bar_a", Sphere{a}, along(-distance / 2)), object("bar_b", Sphere{b}, along(distance / 2))}};
+  constexpr double kRodDiameter = 8, kRodAlbedo = 0.03;
+  const Rigid3 rod_from_bar{rotation_from_vector({0, std::numbers::pi / 2, 0}), Eigen::Vector3d::Zero()};
+  SceneObject rod = object("rod", Cylinder{kRodDiameter, distance - a / 2 - b / 2 + 2}, pose * rod_from_bar);
+  rod.albedo = kRodAlbedo;
+  scene.objects.push_back(rod);
+  return scene;
+}
+
+// A plaster model on a turntable, an eighth of a turn further in each view; twelve spheres of 20 mm stand 12 mm off its
+// surface on pins that nobody sees. The table's axis is vertical, 100 mm behind R.
+Scene plaster_scene(int view) {
+  const FreeForm form;
+  const Rigid3 axis{Eigen::Quaterniond::Identity(), Eigen::Vector3d(0, 0, -100)};
+  const Rigid3 turned =
+      axis * Rigid3{rotation_from_vector({0, view * std::numbers::pi / 4, 0}), Eigen::Vector3d::Zero()};
+  Scene scene{{object("plaster", form, turned)}};
+  const FreeFormSurface surface({form.length_mm / 2, form.height_mm / 2, form.depth_mm / 2}, form.relief,
+                                static_cast<std::uint64_t>(form.seed));
+  for (int k = 0; k < 12; ++k) {
+    const double turn = k * std::numbers::pi / 6 + 0.05 * (k % 3);
+    const Eigen::Vector3d outwards =
+        Eigen::Vector3d(std::cos(turn), 0.5 * std::sin(2.1 * k), std::sin(turn)).normalized();
+    const auto way = surface.hit(1000 * outwards, -outwards, 0);
+    require(way.has_value(), "a ray to the middle of a free form meets it");
+    const Eigen::Vector3d foot = (1000 - *way) * outwards;
+    constexpr double kOff = 12, kDiameter = 20;
+    scene.objects.push_back(
+        object(fmt::format("sphere {}", k), Sphere{kDiameter},
+               turned * Rigid3{Eigen::Quaterniond::Identity(), foot + kOff * surface.normal(foot)}));
+  }
+  return scene;
 }
 
 }  // namespace
@@ -44,7 +83,7 @@ Uncertain certificate_mm(const Preset& preset, std::uint64_t instrument_seed, co
   return {std::round(made * 1e4) * 1e-4, a.u_mm};  // a certificate is printed to 0.1 um
 }
 
-double true_diameter_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact) {
+double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact) {
   const Uncertain certificate = certificate_mm(preset, instrument_seed, artefact);
   return certificate.value + certificate.u * Stream(instrument_seed, "truth of " + artefact).normal();
 }
@@ -93,14 +132,34 @@ std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrume
   if (kind == "spheres" && numbered) {
     Scene scene;
     for (const auto& [sphere, place] : preset.spheres.places) {
-      scene.objects.push_back(object(sphere, Sphere{true_diameter_mm(preset, instrument_seed, sphere)},
-                                     put(preset.spheres, place, random)));
+      scene.objects.push_back(
+          object(sphere, Sphere{true_size_mm(preset, instrument_seed, sphere)}, put(preset.spheres, place, random)));
     }
     return scene;
   }
   if (kind == "cylinder" && numbered) {
-    const Cylinder cylinder{true_diameter_mm(preset, instrument_seed, "cylinder"), preset.cylinder_length_mm};
+    const Cylinder cylinder{true_size_mm(preset, instrument_seed, "cylinder"), preset.cylinder_length_mm};
     return Scene{{object("cylinder", cylinder, put(preset.cylinder, preset.cylinder.places.at("place"), random))}};
+  }
+  const auto place_of = [&](const Preset::Placing& placing) -> std::optional<Rigid3> {
+    if (!numbered || !placing.places.contains(number)) return std::nullopt;
+    return put(placing, placing.places.at(number), random);
+  };
+  if (kind == "probing") {
+    const auto pose = place_of(preset.probing);
+    if (!pose) return std::nullopt;
+    return Scene{{object("sphere30", Sphere{true_size_mm(preset, instrument_seed, "sphere30")}, *pose)}};
+  }
+  if (kind == "flat") {
+    const auto pose = place_of(preset.flat);
+    if (!pose) return std::nullopt;
+    return Scene{{object("flat", FlatBoard{preset.flat_width_mm, preset.flat_height_mm}, *pose)}};
+  }
+  if (kind == "plaster" && numbered) return plaster_scene(std::stoi(number));
+  if (kind == "ball_bar" && preset.artefacts.contains("bar")) {
+    const auto pose = place_of(preset.ball_bar);
+    if (!pose) return std::nullopt;
+    return ball_bar_scene(preset, instrument_seed, *pose);
   }
   return std::nullopt;
 }

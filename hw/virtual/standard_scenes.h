@@ -17,7 +17,7 @@ namespace fringecal::virt {
 
 /// Throws std::logic_error for an artefact that the preset does not know.
 Uncertain certificate_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact);
-double true_diameter_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact);
+double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact);
 
 /// kind: "chessboard" or "circles". The board as its certificate has it, and as it is.
 model::Board certified_board(const Preset& preset, const std::string& kind);

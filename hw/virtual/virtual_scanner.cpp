@@ -291,7 +291,7 @@ Value VirtualScanner::truth(const InstrumentState& state) const {
   for (const auto& [name, artefact] : in.preset.artefacts) {
     const Uncertain certificate = certificate_mm(name);
     artefacts.set(name, Value::object()
-                            .set("diameter_mm", true_diameter_mm(in.preset, in.seed, name))
+                            .set(name == "bar" ? "distance_mm" : "diameter_mm", true_size_mm(in.preset, in.seed, name))
                             .set("certificate_mm", certificate.value)
                             .set("u_certificate_mm", certificate.u));
   }

@@ -101,11 +101,12 @@ class VirtualScanner {
   /// kind: "chessboard" or "circles".
   model::Board certified_board(const std::string& kind) const;
   /// The certificate of an artefact: value and standard uncertainty, mm. name: "sphere30", "sphere38", "sphere50",
-  /// "cylinder".
+  /// "cylinder", "bar_a", "bar_b" (the ball bar's spheres), "bar" (the distance of their centres).
   Uncertain certificate_mm(const std::string& artefact) const;
 
   /// Scenes of the standard commissioning, by name: "alignment", "calibration 0" .. "calibration 14", "plane R" (R:
-  /// repeat, a slightly different place each), "spheres R", "cylinder R". Throws std::logic_error on another name.
+  /// repeat, a slightly different place each), "spheres R", "cylinder R"; of the acceptance plans "probing P",
+  /// "ball_bar P", "flat P" (P: place); "plaster V" (V: view, an eighth of a turn each). Throws std::logic_error on another name.
   Scene standard_scene(const std::string& name) const;
   bool has_standard_scene(const std::string& name) const;
   /// How many calibration scenes the preset has.

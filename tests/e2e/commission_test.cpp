@@ -26,6 +26,36 @@ double number(const Value& tree, const char* key) {
   return v.if_real() ? *v.if_real() : static_cast<double>(*v.if_integer());
 }
 
+/// The acceptance plan on the commissioned scanner, twice: the second call finds all captures evaluated. The record goes
+/// into a history.
+void verifies_and_records(const fs::path& commissioning, const fs::path& history, const Value& truth) {
+  const fs::path folder = commissioning.parent_path() / "v";
+  const std::vector<std::string> command = {"verify",          "--virtual", "--plan",        "vdi2634-2",
+                                            "--commissioning", commissioning.string(), "--output",
+                                            folder.string(),   "--history", history.string()};
+  const auto run = run_fringecal(command);
+  ASSERT_EQ(run.exit_code, 0) << run.errors;
+  const Value record = read_json(folder / "verification.json");
+  std::map<std::string, int> rows;
+  for (const Value& q : *at(record, "quantities").if_array()) {
+    const std::string symbol = *at(q, "symbol").if_text();
+    ++rows[symbol];
+    if (symbol != "SD") continue;
+    const Value& bar = at(at(truth, "artefacts"), "bar");
+    const double certificate_error = number(bar, "certificate_mm") - number(bar, "distance_mm");
+    // The target for the true error of a length over all positions: 0.010 mm.
+    EXPECT_LE(std::abs(number(q, "value") + certificate_error), 0.010) << *at(q, "position").if_text();
+    EXPECT_TRUE(*at(at(q, "monte_carlo_validation"), "valid").if_bool());
+  }
+  EXPECT_EQ(rows, (std::map<std::string, int>{{"PF", 10}, {"PS", 10}, {"SD", 7}, {"F", 6}}));
+  const auto first = fs::last_write_time(folder / "captures" / "ball_bar-06.json");
+  ASSERT_EQ(run_fringecal(command).exit_code, 0);
+  EXPECT_EQ(fs::last_write_time(folder / "captures" / "ball_bar-06.json"), first);
+  const auto check = run_fringecal({"history", "--file", history.string(), "check"});
+  EXPECT_EQ(check.exit_code, 0) << check.errors;
+  EXPECT_NE(check.output.find("2 entries, unaltered"), std::string::npos) << check.output;
+}
+
 class CommissioningOfSeed : public testing::TestWithParam<int> {};
 
 TEST_P(CommissioningOfSeed, EndsAlignedWithEveryArtefactWithinItsLimits) {
@@ -59,6 +89,7 @@ TEST_P(CommissioningOfSeed, EndsAlignedWithEveryArtefactWithinItsLimits) {
     EXPECT_EQ(at(artefact, "repeats").if_array()->size(), 10u) << name;
   }
   EXPECT_EQ(spheres_and_cylinders, 4);
+  verifies_and_records(scratch / "c", scratch / "history.db", truth);
 }
 
 INSTANTIATE_TEST_SUITE_P(Three, CommissioningOfSeed, testing::Values(1, 2, 3));

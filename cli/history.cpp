@@ -1,0 +1,164 @@
+// fringecal history: what was recorded, whether it was altered, and where its quantities go.
+#include "metrology/history.h"
+#include "cli/commands.h"
+#include "core/error.h"
+#include "core/file.h"
+#include "metrology/history_series.h"
+#include "metrology/verification.h"
+
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+namespace fringecal::cli {
+namespace {
+
+using metrology::History;
+
+struct Options {
+  std::string file = "history.db", kind, head, symbol, artefact, position, output;
+  bool json = false;
+};
+
+std::string summary_of(const metrology::HistoryEntry& entry) {
+  if (entry.kind != "verification") return "";
+  const std::string name = fmt::format("history, entry {}", entry.number);
+  const auto v = metrology::verification_from(parse_json(entry.document, name), name);
+  const auto verdict = metrology::verdict_of(v);
+  return fmt::format("{}, {}: {}", v.plan, v.scanner, verdict ? name_of(*verdict) : "no limits");
+}
+
+void list(const Options& o) {
+  const History history(o.file, History::Access::read);
+  Value out = Value::array();
+  for (const auto& e : history.entries(o.kind.empty() ? std::nullopt : std::optional(o.kind))) {
+    if (o.json) {
+      out.append(Value::object().set("number", e.number).set("date", e.date).set("kind", e.kind).set("hash", e.hash));
+    } else {
+      fmt::print("{:>6}  {}  {:<14}{}  {}\n", e.number, e.date, e.kind, e.hash.substr(0, 12), summary_of(e));
+    }
+  }
+  if (o.json) fmt::print("{}", to_json(out));
+}
+
+void show(const Options& o, std::int64_t number) {
+  const History history(o.file, History::Access::read);
+  const auto entries = history.entries(std::nullopt, number - 1);
+  if (entries.empty() || entries.front().number != number) {
+    throw InputError(fmt::format("{}: there is no entry {}; it has {}", o.file, number, history.size()));
+  }
+  fmt::print("{}", entries.front().document);
+}
+
+void check(const Options& o) {
+  const History history(o.file, History::Access::read);
+  const auto fault = history.check(o.head.empty() ? std::nullopt : std::optional(o.head));
+  if (fault) throw InputError(fmt::format("{}: {}", o.file, fault->sentence));
+  fmt::print("{}: {} entries, unaltered; newest hash {}\n", o.file, history.size(), history.head());
+}
+
+std::string csv_field(const std::string& text) {
+  std::string out = "\"";
+  for (const char c : text) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return out + "\"";
+}
+
+void export_csv(const Options& o) {
+  const History history(o.file, History::Access::read);
+  std::string out = "number,date,plan,scanner,symbol,artefact,position,unit,value,u,U,k,verdict,hash\n";
+  for (const auto& e : history.entries("verification")) {
+    const std::string name = fmt::format("history, entry {}", e.number);
+    const auto v = metrology::verification_from(parse_json(e.document, name), name);
+    for (const auto& q : v.quantities) {
+      out += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", e.number, v.ended, csv_field(v.plan),
+                         csv_field(v.scanner), csv_field(q.symbol), csv_field(q.artefact), csv_field(q.position),
+                         q.unit, q.value, q.uncertainty.u, q.uncertainty.U, q.uncertainty.k,
+                         q.judgement ? name_of(q.judgement->verdict) : "", e.hash);
+    }
+  }
+  if (o.output.empty()) {
+    fmt::print("{}", out);
+  } else {
+    write_atomically(o.output, out);
+  }
+}
+
+void chart(const Options& o) {
+  const auto entries = History(o.file, History::Access::read).entries("verification");
+  if (o.symbol.empty()) {
+    for (const auto& key : metrology::quantities_of(entries)) fmt::print("{:<16}{}\n", key.symbol, key.artefact);
+    return;
+  }
+  const auto series = metrology::series_of(
+      entries, {o.symbol, o.artefact, o.position.empty() ? std::nullopt : std::optional(o.position)});
+  if (series.values.empty()) {
+    throw InputError(fmt::format("{}: no verification has {} of {}; \"fringecal history chart\" lists what there is",
+                                 o.file, o.symbol, o.artefact));
+  }
+  const auto chart = metrology::control_chart(series.values);
+  fmt::print("{} ({}), {}, {}\n\n", series.name, o.symbol, o.artefact, series.unit);
+  for (std::size_t i = 0; i < series.values.size(); ++i) {
+    std::string signals;
+    if (chart) {
+      for (const auto signal : chart->points[i].signals) signals += fmt::format(" {}", name_of(signal));
+    }
+    fmt::print("{:>6}  {:+.5f} ± {:.5f}{}{}\n", series.numbers[i], series.values[i].value, series.U[i],
+               signals.empty() ? "" : "  signal:", signals);
+  }
+  if (chart) {
+    fmt::print("\nmean of the first {}: {:+.5f}, s {:.5f}, limits of control {:+.5f} .. {:+.5f}\n", chart->n_baseline,
+               chart->mean, chart->s, chart->mean - 3 * chart->s, chart->mean + 3 * chart->s);
+  } else {
+    fmt::print("\n{}\n", chart.error().sentence);
+  }
+  if (!series.limits) return;
+  const auto forecast = metrology::forecast(series.values, *series.limits);
+  if (!forecast) {
+    fmt::print("{}\n", forecast.error().sentence);
+  } else if (!forecast->earliest_day) {
+    fmt::print("trend {:+.2g} per day (u {:.1g}): no limit is within reach for two years\n", forecast->slope_per_day,
+               forecast->u_slope_per_day);
+  } else {
+    const double today = series.values.back().day;
+    fmt::print(
+        "trend {:+.2g} per day (u {:.1g}): a limit can be reached in {:.0f} days{}; a warning, not a date of "
+        "recalibration\n",
+        forecast->slope_per_day, forecast->u_slope_per_day, *forecast->earliest_day - today,
+        forecast->expected_day ? fmt::format(", is expected in {:.0f}", *forecast->expected_day - today) : "");
+  }
+}
+
+}  // namespace
+
+void add_history(CLI::App& app) {
+  auto o = std::make_shared<Options>();
+  auto number = std::make_shared<std::int64_t>(0);
+  auto* command = app.add_subcommand("history", "The record of calibrations, alignments and verifications");
+  command->add_option("--file", o->file, "The history")->capture_default_str();
+  command->require_subcommand(1);
+  auto* list_command = command->add_subcommand("list", "One line per entry");
+  list_command->add_option("--kind", o->kind, "Only alignment, calibration, verification or certificate entries");
+  list_command->add_flag("--json", o->json, "As JSON");
+  list_command->callback([o] { list(*o); });
+  auto* show_command = command->add_subcommand("show", "The document of one entry");
+  show_command->add_option("number", *number, "Number of the entry")->required();
+  show_command->callback([o, number] { show(*o, *number); });
+  auto* check_command = command->add_subcommand("check", "Whether an entry, or any byte of the file, was altered");
+  check_command->add_option("--head", o->head, "A hash that a report printed; it must stand in the chain");
+  check_command->callback([o] { check(*o); });
+  auto* chart_command =
+      command->add_subcommand("chart", "Control chart and forecast of a quantity; without one: which there are");
+  chart_command->add_option("symbol", o->symbol, "PS, PF, SD, F, ...");
+  chart_command->add_option("artefact", o->artefact, "Name of the artefact");
+  chart_command->add_option("--position", o->position, "Only this position (default: the worst of each verification)");
+  chart_command->callback([o] { chart(*o); });
+  auto* export_command = command->add_subcommand("export", "All quantities of all verifications as CSV");
+  export_command->add_option("-o,--output", o->output, "File to write (default: stdout)");
+  export_command->callback([o] { export_csv(*o); });
+  command->footer("Example: fringecal history --file history.db chart SD bar150");
+}
+
+}  // namespace fringecal::cli

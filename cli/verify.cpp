@@ -1,0 +1,221 @@
+// fringecal verify: a plan carried out, evaluated and judged; resumable. On the virtual scanner by itself, on a real one
+// from the captures that the plan asks for.
+#include "calib/decode/decode.h"
+#include "cli/commands.h"
+#include "cli/progress.h"
+#include "cli/virtual_verification.h"
+#include "core/capture.h"
+#include "core/error.h"
+#include "core/file.h"
+#include "metrology/acceptance.h"
+#include "metrology/history.h"
+#include "metrology/reconstruct.h"
+#include "reports/number.h"
+
+#include <fmt/format.h>
+#include <CLI/CLI.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+namespace fringecal::cli {
+namespace {
+namespace fs = std::filesystem;
+
+struct Options {
+  std::string plan = "paper", scanner, artefacts, captures, output = "verification", history, identification, rule;
+  std::string commissioning = "commissioning";
+  double temperature_degC = 20, u_temperature_degC = 0.2;
+  bool on_virtual = false, accept_expired = false, json = false;
+};
+
+/// Where the captures of the plan come from.
+struct Source {
+  std::unique_ptr<VirtualVerification> instrument;  // absent: folders of `captures`
+  fs::path captures, scanner_file;
+  std::string identification;
+  std::vector<metrology::Gauge> gauges;
+};
+
+Source open_source(const Options& o) {
+  Source s;
+  if (o.on_virtual) {
+    s.instrument = std::make_unique<VirtualVerification>(o.commissioning);
+    s.scanner_file = o.scanner.empty() ? s.instrument->scanner_file() : fs::path(o.scanner);
+    s.identification = s.instrument->identification();
+    s.gauges = o.artefacts.empty() ? s.instrument->gauges() : metrology::read_gauges(o.artefacts);
+  } else {
+    if (o.captures.empty() || o.scanner.empty() || o.artefacts.empty()) {
+      throw InputError("verify: give --captures, --scanner and --artefacts of a real scanner, or --virtual");
+    }
+    s.captures = o.captures;
+    s.scanner_file = o.scanner;
+    s.gauges = metrology::read_gauges(o.artefacts);
+  }
+  if (!o.identification.empty()) s.identification = o.identification;
+  if (s.identification.empty()) s.identification = "not stated";
+  return s;
+}
+
+void refuse_expired(const metrology::Plan& plan, const Source& source, const std::string& today, bool accepted) {
+  for (const auto& series : plan.series) {
+    for (const auto& name : series.artefacts) {
+      const auto& gauge = metrology::gauge_named(source.gauges, name);
+      if (!metrology::is_expired(gauge, today) || accepted) continue;
+      throw InputError(
+          fmt::format("the certificate {} of {} ran out on {}; have it recalibrated, or give "
+                      "--accept-expired (which the report then states)",
+                      gauge.certificate, name, gauge.valid_until));
+    }
+  }
+}
+
+/// The result of one capture: kept from an earlier call, or made now. Empty: the capture is not there.
+std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, const metrology::Series& series, int i,
+                                                  const Source& source, const model::Scanner& scanner,
+                                                  const fs::path& folder) {
+  const std::string name = metrology::capture_name(series, i);
+  const fs::path file = folder / "captures" / (name + ".json");
+  if (fs::exists(file)) return metrology::capture_result_from(read_json(file), file.string());
+  if (!source.instrument && !fs::exists(source.captures / name / "capture.json")) return std::nullopt;
+  const Capture capture =
+      source.instrument ? source.instrument->capture(plan.name, series.scene, i) : read_capture(source.captures / name);
+  const auto map = decode::decode_phase(capture, scanner.projector.main_axis());
+  const auto cloud = metrology::reconstruct(map, scanner, {.normals = false}).cloud;
+  const auto result = metrology::evaluate_capture(plan, series, i, source.gauges, cloud, scanner);
+  if (!result) throw InputError(fmt::format("{}: {}", name, result.error().sentence));
+  write_atomically(file, to_json(metrology::to_value(*result)));
+  return *result;
+}
+
+std::string plus_minus(const metrology::Quantity& q) {
+  const auto rounded = reports::rounded(q.value, q.uncertainty.U);
+  return fmt::format("{} ± {}", reports::with_sign(rounded.value), rounded.u);
+}
+
+std::string limits_of(const metrology::Quantity& q) {
+  if (!q.limits) return "-";
+  if (q.limits->lower && q.limits->upper) return fmt::format("{:+g} .. {:+g}", *q.limits->lower, *q.limits->upper);
+  return q.limits->upper ? fmt::format("<= {:g}", *q.limits->upper) : fmt::format(">= {:g}", *q.limits->lower);
+}
+
+void print_table(const metrology::Verification& v) {
+  fmt::print("{}: {}\n\n", v.plan, v.scanner);
+  fmt::print("{:<16}{:<10}{:<22}{:>24}  {:<18}{}\n", "quantity", "artefact", "position", "value ± U / mm",
+             "limits / mm", "verdict");
+  for (const auto& q : v.quantities) {
+    fmt::print("{:<16}{:<10}{:<22}{:>24}  {:<18}{}\n", q.symbol, q.artefact, q.position, plus_minus(q), limits_of(q),
+               q.judgement ? name_of(q.judgement->verdict) : "-");
+  }
+  if (const auto verdict = metrology::verdict_of(v)) {
+    fmt::print("\nVerdict: {}. {}\n", name_of(*verdict), metrology::sentence_of(v.decision_rule));
+  }
+}
+
+void verify(const Options& o) {
+  metrology::Plan plan = metrology::read_plan(o.plan);
+  if (!o.rule.empty()) plan.decision_rule = metrology::decision_rule_from(o.rule);
+  const Source source = open_source(o);
+  metrology::Verification v{.plan = plan.name,
+                            .plan_source = plan.source,
+                            .plan_unchecked = plan.unchecked,
+                            .scanner = source.identification,
+                            .scanner_file_sha256 = sha256_of_file(source.scanner_file),
+                            .begun = utc_now(),
+                            .environment = {o.temperature_degC, o.u_temperature_degC, {}},
+                            .decision_rule = plan.decision_rule,
+                            .provenance = provenance_now()};
+  refuse_expired(plan, source, v.begun, o.accept_expired);
+  const auto scanner = model::read_scanner(source.scanner_file);
+  const fs::path folder = o.output;
+  double captures = 0;
+  for (const auto& series : plan.series) captures += series.captures;
+  Progress progress(captures);
+  std::vector<std::string> missing;
+  std::vector<std::vector<metrology::CaptureResult>> results(plan.series.size());
+  for (std::size_t s = 0; s < plan.series.size(); ++s) {
+    const auto& series = plan.series[s];
+    for (int i = 0; i < series.captures; ++i) {
+      progress.start(fmt::format("verifying, {} {} of {}", series.scene, i + 1, series.captures));
+      const auto result = result_of(plan, series, i, source, scanner, folder);
+      if (result) results[s].push_back(*result);
+      if (!result) missing.push_back(metrology::capture_name(series, i));
+      progress.done(1);
+    }
+    progress.finish_step(
+        fmt::format("{}: {} of {} captures evaluated", series.scene, results[s].size(), series.captures));
+  }
+  if (!missing.empty()) {
+    throw InputError(fmt::format(
+        "{}: {} of the {} captures that the plan {} asks for are missing: {}; the others are "
+        "evaluated and kept in {}, run the same command again when these are there",
+        source.captures.string(), missing.size(), captures, plan.name, fmt::join(missing, ", "), folder.string()));
+  }
+  std::vector<std::string> listed;
+  for (std::size_t s = 0; s < plan.series.size(); ++s) {
+    for (auto& q :
+         metrology::evaluate_series(plan, plan.series[s], source.gauges, results[s], {.environment = v.environment})) {
+      v.quantities.push_back(std::move(q));
+    }
+    for (const auto& name : plan.series[s].artefacts) {
+      if (std::find(listed.begin(), listed.end(), name) != listed.end()) continue;
+      listed.push_back(name);
+      const auto& gauge = metrology::gauge_named(source.gauges, name);
+      const bool expired = metrology::is_expired(gauge, v.begun);
+      v.artefacts.push_back(metrology::used(gauge, expired));
+      if (expired) {
+        v.deviations.push_back(
+            fmt::format("The certificate {} of {} had run out on {}; its use was accepted by the "
+                        "operator.",
+                        gauge.certificate, name, gauge.valid_until));
+      }
+    }
+  }
+  v.ended = utc_now();
+  v.provenance.inputs.emplace_back("scanner", v.scanner_file_sha256);
+  const Value record = metrology::to_value(v);
+  write_atomically(folder / "verification.json", to_json(record));
+  if (source.instrument) write_atomically(folder / "artefacts.toml", metrology::to_toml(source.gauges));
+  if (!o.history.empty()) {
+    const auto entry =
+        metrology::History(o.history, metrology::History::Access::write).append("verification", record, v.ended);
+    if (!o.json) fmt::print("history: entry {} of {}, hash {}\n\n", entry.number, o.history, entry.hash);
+  }
+  if (o.json) {
+    fmt::print("{}", to_json(record));
+  } else {
+    print_table(v);
+  }
+}
+
+}  // namespace
+
+void add_verify(CLI::App& app) {
+  auto o = std::make_shared<Options>();
+  auto* command = app.add_subcommand("verify", "Carry out a verification plan: find the artefacts, evaluate, judge");
+  command->add_option("--plan", o->plan, "paper, vdi2634-2, iso10360-13, quick, or a plan file")->capture_default_str();
+  command->add_flag("--virtual", o->on_virtual, "Verify the virtual scanner of a finished commissioning");
+  command->add_option("--commissioning", o->commissioning, "Its folder (with --virtual)")->capture_default_str();
+  command->add_option("--captures", o->captures,
+                      "Folder with the captures SERIES-00, SERIES-01, ... that the plan asks for");
+  command->add_option("--scanner", o->scanner, "Scanner file (default with --virtual: of the commissioning)");
+  command->add_option("--artefacts", o->artefacts, "artefacts.toml (default with --virtual: the virtual certificates)");
+  command->add_option("-o,--output", o->output, "Folder of the verification; a second call continues in it")
+      ->capture_default_str();
+  command->add_option("--history", o->history, "History to append the record to (made if it is not there)");
+  command->add_option("--identification", o->identification, "The scanner, as the record shall name it");
+  command->add_option("--temperature", o->temperature_degC, "Of the artefacts, degC")->capture_default_str();
+  command->add_option("--u-temperature", o->u_temperature_degC, "Its standard uncertainty, K")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command->add_option("--rule", o->rule,
+                      "Decision rule instead of the plan's: iso_14253_1, simple, guarded, four_outcomes");
+  command->add_flag("--accept-expired", o->accept_expired,
+                    "Use an artefact whose certificate has run out; stated in the record");
+  command->add_flag("--json", o->json, "Print verification.json instead of the table");
+  command->footer("Example: fringecal verify --virtual --plan quick --output morning --history history.db");
+  command->callback([o] { verify(*o); });
+}
+
+}  // namespace fringecal::cli

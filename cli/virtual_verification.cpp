@@ -1,0 +1,124 @@
+#include "cli/virtual_verification.h"
+
+#include "calib/align_record.h"
+#include "core/error.h"
+#include "core/file.h"
+#include "core/value.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace fringecal::cli {
+namespace {
+
+/// The text or number at a key of a commissioning's file.
+template <class Take>
+auto taken(const std::filesystem::path& file, const char* key, Take take) {
+  const Value document = read_json(file);
+  const Value* value = document.find(key);
+  const auto* found = value == nullptr ? nullptr : take(*value);
+  if (found == nullptr) {
+    throw InputError(fmt::format(
+        "{}: {} is missing; give the folder of a finished commissioning of the virtual scanner", file.string(), key));
+  }
+  return *found;
+}
+
+std::string text_at(const std::filesystem::path& file, const char* key) {
+  return taken(file, key, [](const Value& v) { return v.if_text(); });
+}
+
+std::string text_at(const std::filesystem::path& folder, const char* file, const char* key) {
+  if (!std::filesystem::exists(folder / file)) {
+    throw InputError(
+        fmt::format("{}: there is no {} in it; give the folder of a finished commissioning of the virtual "
+                    "scanner (fringecal commission --virtual)",
+                    folder.string(), file));
+  }
+  return text_at(folder / file, key);
+}
+
+virt::PresetOverrides overrides_of(const std::filesystem::path& file) {
+  virt::PresetOverrides out;
+  const Value document = read_json(file);
+  if (const Value* theta = document.find("theta_mrad")) {
+    if (const double* number = theta->if_real()) out.theta_mrad = *number;
+    if (const auto* integer = theta->if_integer()) out.theta_mrad = static_cast<double>(*integer);
+  }
+  return out;
+}
+
+}  // namespace
+
+VirtualVerification::VirtualVerification(const std::filesystem::path& folder)
+    : folder_(folder),
+      preset_(text_at(folder, "commission.json", "preset")),
+      seed_(std::stoull(text_at(folder, "commission.json", "seed"))),
+      instrument_(preset_, seed_, overrides_of(folder / "commission.json")) {
+  if (!std::filesystem::exists(scanner_file())) {
+    throw InputError(fmt::format("{}: the commissioning is not finished, scanner.json is missing; run it to its end",
+                                 folder.string()));
+  }
+  // The adjuster's turns, made again: the grating stands as the commissioning left it.
+  for (const auto& reading : calib::read_record(folder_ / "alignment" / "record.json").readings) {
+    if (reading.turn_before_rad == 0) continue;
+    instrument_.turn_adjuster(1e-6 * std::round(1e9 * reading.turn_before_rad), state_);  // whole nanoradians, as DT100 takes it
+  }
+}
+
+std::string VirtualVerification::identification() const {
+  return fmt::format("virtual scanner {}, instrument {}", preset_, seed_);
+}
+
+std::vector<metrology::Gauge> VirtualVerification::gauges() const {
+  using metrology::Gauge;
+  using metrology::GaugeKind;
+  const auto gauge = [&](const char* name, GaugeKind kind, double expansion) {
+    Gauge g{.name = name, .kind = kind};
+    g.expansion_per_K = expansion;
+    g.u_expansion_per_K = 0.05 * expansion;
+    g.U_form_mm = 0.0004;
+    g.certificate = fmt::format("VIRTUAL-{}-{}", seed_, name);
+    g.laboratory = "virtual laboratory";
+    g.date = "2026-01-01";
+    g.valid_until = "2099-12-31";
+    return g;
+  };
+  constexpr double kSteel = 11.5e-6, kCeramic = 5.5e-6, kCarbonFibre = 1.0e-6;  // 1/K
+  std::vector<Gauge> out;
+  for (const char* name : {"sphere50", "sphere38", "sphere30", "cylinder"}) {
+    const auto certificate = instrument_.certificate_mm(name);
+    Gauge g = gauge(name, std::string(name) == "cylinder" ? GaugeKind::cylinder : GaugeKind::sphere, kCeramic);
+    g.diameter_mm = {certificate.value};
+    g.U_diameter_mm = 2 * certificate.u;
+    out.push_back(g);
+  }
+  out.push_back(gauge("flat", GaugeKind::flat, kSteel));
+  if (instrument_.has_standard_scene("ball_bar 0")) {
+    const auto a = instrument_.certificate_mm("bar_a"), b = instrument_.certificate_mm("bar_b"),
+               bar = instrument_.certificate_mm("bar");
+    Gauge g = gauge("bar150", GaugeKind::ball_bar, kCarbonFibre);
+    g.diameter_mm = {a.value, b.value};
+    g.U_diameter_mm = 2 * std::max(a.u, b.u);
+    g.distance_mm = bar.value;
+    g.U_distance_mm = 2 * bar.u;
+    out.push_back(g);
+  }
+  return out;
+}
+
+Capture VirtualVerification::capture(const std::string& plan, const std::string& scene, int place) const {
+  const std::string name = fmt::format("{} {}", scene, place);
+  if (!instrument_.has_standard_scene(name)) {
+    throw InputError(
+        fmt::format("the virtual scanner has no scene \"{}\"; its preset places what the shipped plans ask "
+                    "for",
+                    name));
+  }
+  const std::string hash = sha256_hex(fmt::format("{}/verify/{}/{}", seed_, plan, name));
+  return instrument_.capture(instrument_.standard_scene(name), state_, std::stoull(hash.substr(0, 16), nullptr, 16));
+}
+
+}  // namespace fringecal::cli

@@ -1,0 +1,72 @@
+// artefacts.toml: the calibrated artefacts that verifications rest on ("fringecal.artefacts", version 1).
+//
+//   [[artefact]]
+//   name = "ball bar 150"
+//   kind = "ball_bar"                        # sphere | ball_bar | flat | cylinder
+//   diameter_mm = [30.0012, 30.0007]         # sphere, cylinder: one; ball bar: of both spheres
+//   U_diameter_mm = 0.0006                   # expanded, with the certificate's k
+//   distance_mm = 150.013                    # ball bar: of the centres
+//   U_distance_mm = 0.0012
+//   form_mm = 0.0004                         # certified form error (sphericity, flatness); 0 where the certificate has none
+//   U_form_mm = 0.0002
+//   k = 2
+//   expansion_per_K = 11.5e-6                # linear coefficient ...
+//   u_expansion_per_K = 1.0e-6               # ... and its standard uncertainty
+//   reference_temperature_degC = 20
+//   certificate = "K-2026-0815"
+//   laboratory = "D-K-00000"
+//   date = "2026-03-01"
+//   valid_until = "2028-03-01"               # as agreed with the laboratory or by the owner's rules
+//
+// A certified length at temperature t:  l(t) = l (1 + alpha (t - t_ref))                                          (1)
+//   u^2(l(t)) = (U / k)^2 + (l (t - t_ref) u(alpha))^2 + (l alpha u(t))^2                                           (2)
+#pragma once
+
+#include "core/value.h"
+#include "metrology/budget.h"
+#include "metrology/verification.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fringecal::metrology {
+
+enum class GaugeKind { sphere, ball_bar, flat, cylinder };
+const char* name_of(GaugeKind kind);
+
+struct Gauge {
+  std::string name;
+  GaugeKind kind = GaugeKind::sphere;
+  std::vector<double> diameter_mm;  // sphere, cylinder: one; ball bar: two; flat: none
+  double U_diameter_mm = 0;
+  std::optional<double> distance_mm;  // ball bar
+  double U_distance_mm = 0;
+  double form_mm = 0, U_form_mm = 0;
+  double k = 2;
+  double expansion_per_K = 0, u_expansion_per_K = 0, reference_temperature_degC = 20;
+  std::string certificate, laboratory, date, valid_until;  // dates: YYYY-MM-DD
+};
+
+/// Throws InputError: file, artefact, key and what is wrong.
+std::vector<Gauge> read_gauges(const std::filesystem::path& file);
+Value to_value(const std::vector<Gauge>& gauges);
+/// The same as TOML text, to start a file of one's own from.
+std::string to_toml(const std::vector<Gauge>& gauges);
+
+/// The gauge of that name. Throws InputError with the names that there are.
+const Gauge& gauge_named(const std::vector<Gauge>& gauges, const std::string& name);
+
+/// Whether the certificate has run out on that day (dates compare as text).
+bool is_expired(const Gauge& gauge, const std::string& day);
+
+/// Eq. 1, and eq. 2 as the three contributions of a budget with the sensitivity -1 (an error is measured minus certified).
+double length_at(const Gauge& gauge, double length_mm, const Environment& environment);
+std::vector<Contribution> contributions_of(const Gauge& gauge, double length_mm, double U_mm,
+                                           const Environment& environment);
+
+/// What a verification keeps of it.
+ArtefactUsed used(const Gauge& gauge, bool expired_accepted);
+
+}  // namespace fringecal::metrology

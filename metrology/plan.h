@@ -1,0 +1,70 @@
+// A verification plan: which artefact stands where how often, what is evaluated, against which limit. TOML
+// ("fringecal.plan", version 1); the shipped ones are files in metrology/plans and part of the program, and
+// `fringecal plan NAME --print` writes one to start from. A plan names its source, and what in it could not be checked
+// against the standard's own text.
+//
+//   [[series]]
+//   scene = "ball_bar"             # name of the place list; captures are called SCENE-00, SCENE-01, ...
+//   artefacts = ["bar150"]         # of artefacts.toml; all in the field at once
+//   captures = 7                   # positions, or repeats at one place (`repeats = true`)
+//   [[series.quantity]]
+//   measurand = "distance_error"   # see below
+//   symbol = "SD"                  # as the source has it
+//   name = "sphere-spacing error"
+//   upper_mm = 0.03                # limits; both may be absent
+//   lower_mm = -0.03
+//
+// Measurands (d diameter, l(t) certified length at temperature, n captures)
+//   diameter_error       d - d(t) at each position                                                       (1)
+//   mean_diameter_error  mean of d over the n captures - d(t)                                            (2) [Chen2008, section 4]
+//   distance_error       distance of a ball bar's centres - l(t), each position                          (3)
+//   form_range           range of the deviations from the Gaussian feature, each position               (4)
+//   form_95              width of the shell that holds 95 % of the points (2.5 % left out on each side)  (5)
+//   form_sd              standard deviation of the deviations, the largest of the n captures             (6) [Chen2008, section 4]
+#pragma once
+
+#include "fitting/fit.h"
+#include "metrology/decision.h"
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace fringecal::metrology {
+
+enum class Measurand { diameter_error, mean_diameter_error, distance_error, form_range, form_95, form_sd };
+const char* name_of(Measurand measurand);
+
+struct PlannedQuantity {
+  Measurand measurand = Measurand::diameter_error;
+  std::string symbol, name;
+  std::optional<Limits> limits;  // mm
+};
+
+struct Series {
+  std::string scene;
+  std::vector<std::string> artefacts;
+  int captures = 1;
+  bool repeats = false;  // the same place again, instead of another position
+  std::vector<PlannedQuantity> quantities;
+};
+
+struct Plan {
+  std::string name, title, source;
+  std::vector<std::string> unchecked;
+  DecisionRule decision_rule = DecisionRule::iso_14253_1;
+  fitting::Rejection rejection = fitting::Rejection::none;  // before form and size are evaluated: none or vdi_2634
+  std::vector<Series> series;
+};
+
+/// name: a shipped plan ("paper", "vdi2634-2", "iso10360-13", "quick"), or a file. Throws InputError.
+Plan read_plan(const std::string& name);
+/// The text of a shipped plan. Throws InputError with the names that there are.
+std::string plan_text(const std::string& name);
+std::vector<std::string> shipped_plans();
+
+/// "ball_bar-03": the capture of that series.
+std::string capture_name(const Series& series, int capture);
+
+}  // namespace fringecal::metrology
