@@ -19,5 +19,9 @@ void add_capture(CLI::App& app);
 void add_devices(CLI::App& app);
 void add_live(CLI::App& app);
 void add_virtual(CLI::App& app);
+void add_certify(CLI::App& app);
+void add_check(CLI::App& app);
+void add_dcc(CLI::App& app);
+void add_report(CLI::App& app);
 
 }  // namespace fringecal::cli

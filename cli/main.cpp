@@ -25,6 +25,7 @@ int main(int argc, char** argv) {
   cli::add_calibrate(app);
   cli::add_measure(app);
   cli::add_fit(app);
+  cli::add_certify(app);
   cli::add_import(app);
   cli::add_decode(app);
   cli::add_capture(app);
