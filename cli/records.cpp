@@ -23,7 +23,8 @@ std::int64_t entry_number(const std::string& name) {
   std::int64_t number = 0;
   const auto [end, error] = std::from_chars(name.data(), name.data() + name.size(), number);
   if (error != std::errc() || end != name.data() + name.size() || number < 1) {
-    throw InputError(fmt::format("\"{}\" is not the number of an entry; with --history records are given as 1, 2, ...", name));
+    throw InputError(
+        fmt::format("\"{}\" is not the number of an entry; with --history records are given as 1, 2, ...", name));
   }
   return number;
 }
@@ -55,6 +56,14 @@ std::vector<reports::Record> read_records(const std::vector<std::string>& names,
     out.back().entry_date = entry.date;
   }
   return out;
+}
+
+std::filesystem::path schema_in(const std::string& folder) {
+  for (const char* place : {"v3.3.0/dcc.xsd", "dcc.xsd"}) {
+    if (std::filesystem::exists(std::filesystem::path(folder) / place)) return std::filesystem::path(folder) / place;
+  }
+  throw InputError(fmt::format(
+      "{}: there is no v3.3.0/dcc.xsd in this folder; it holds PTB's schemas as they are published", folder));
 }
 
 }  // namespace fringecal::cli

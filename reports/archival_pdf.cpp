@@ -53,10 +53,9 @@ void check_version() {
 std::string set_pages(const std::string& html, const PdfFacts& facts) {
   check_version();
   // `env` because run_filter hands on no environment of ours.
-  const FilterOutput out =
-      run_filter({"env", "SOURCE_DATE_EPOCH=" + epoch_of(facts.created), "weasyprint", "--quiet", "--encoding", "utf-8",
-                  "--pdf-variant", "pdf/ua-1", "-", "-"},
-                 html, kLimit, kAdvice);
+  const FilterOutput out = run_filter({"env", "SOURCE_DATE_EPOCH=" + epoch_of(facts.created), "weasyprint", "--quiet",
+                                       "--encoding", "utf-8", "--pdf-variant", "pdf/ua-1", "-", "-"},
+                                      html, kLimit, kAdvice);
   if (out.status != 0 || !out.output.starts_with("%PDF-")) {
     throw EnvironmentError(fmt::format("weasyprint failed (status {}): {}", out.status,
                                        out.errors.substr(out.errors.size() > 400 ? out.errors.size() - 400 : 0)));
@@ -85,11 +84,13 @@ std::string xmp(const PdfFacts& facts, const std::string& producer) {
   };
   return "<?xpacket begin=\"\xEF\xBB\xBF\" id=\"W5M0MpCehiHzreSzNTczkc9d\"?>\n"
          "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\">\n"
-         "<rdf:RDF xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\" xmlns:dc=\"http://purl.org/dc/elements/1.1/\" "
+         "<rdf:RDF xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\" "
+         "xmlns:dc=\"http://purl.org/dc/elements/1.1/\" "
          "xmlns:xmp=\"http://ns.adobe.com/xap/1.0/\" xmlns:pdf=\"http://ns.adobe.com/pdf/1.3/\" "
          "xmlns:pdfaid=\"http://www.aiim.org/pdfa/ns/id/\">\n" +
          about("<pdfaid:part>3</pdfaid:part><pdfaid:conformance>B</pdfaid:conformance>") +
-         about("<dc:title><rdf:Alt><rdf:li xml:lang=\"x-default\">" + escape(facts.title) + "</rdf:li></rdf:Alt></dc:title>") +
+         about("<dc:title><rdf:Alt><rdf:li xml:lang=\"x-default\">" + escape(facts.title) +
+               "</rdf:li></rdf:Alt></dc:title>") +
          about("<dc:creator><rdf:Seq><rdf:li>" + escape(facts.author) + "</rdf:li></rdf:Seq></dc:creator>") +
          about("<xmp:CreateDate>" + facts.created + "</xmp:CreateDate><xmp:ModifyDate>" + facts.created +
                "</xmp:ModifyDate><xmp:CreatorTool>fringecal " + kProgramVersion + "</xmp:CreatorTool>") +
@@ -170,7 +171,8 @@ std::string written(QPDF& pdf) {
 
 }  // namespace
 
-std::string archival_pdf(const std::string& html, const PdfFacts& facts, const std::optional<PdfAttachment>& attachment) {
+std::string archival_pdf(const std::string& html, const PdfFacts& facts,
+                         const std::optional<PdfAttachment>& attachment) {
   const std::string pages = set_pages(html, facts);
   try {
     QPDF pdf;
@@ -184,8 +186,9 @@ std::string archival_pdf(const std::string& html, const PdfFacts& facts, const s
 }
 
 std::string text_of_pdf(const std::string& pdf) {
-  const FilterOutput out = run_filter({"pdftotext", "-enc", "UTF-8", "-", "-"}, pdf, kLimit,
-                                      "it reads the text of a PDF: install the Debian package poppler-utils and run again");
+  const FilterOutput out =
+      run_filter({"pdftotext", "-enc", "UTF-8", "-", "-"}, pdf, kLimit,
+                 "it reads the text of a PDF: install the Debian package poppler-utils and run again");
   if (out.status != 0) {
     throw InputError(fmt::format("the PDF's text cannot be read: {}", out.errors.substr(0, out.errors.find('\n'))));
   }

@@ -31,8 +31,8 @@ const Catalogue& Catalogue::in(const std::string& language) {
   }();
   const auto found = all.find(language);
   if (found == all.end()) {
-    throw InputError(fmt::format("there are no texts in the language \"{}\"; known: {}", language,
-                                 fmt::join(languages(), ", ")));
+    throw InputError(
+        fmt::format("there are no texts in the language \"{}\"; known: {}", language, fmt::join(languages(), ", ")));
   }
   return found->second;
 }

@@ -54,7 +54,8 @@ std::string wanted(Fields& fields, const char* key) {
 
 std::string optional_day(Fields& fields, const char* key) {
   std::string day = optional(fields, key);
-  if (!day.empty() && !is_day(day)) fields.complain(fmt::format("{} = \"{}\" is not a day; write 2026-11-30", key, day));
+  if (!day.empty() && !is_day(day))
+    fields.complain(fmt::format("{} = \"{}\" is not a day; write 2026-11-30", key, day));
   return day;
 }
 
@@ -93,7 +94,8 @@ Item read_item(Fields fields) {
 Amendment read_amendment(Fields fields) {
   Amendment out;
   const std::string kind = fields.text("kind");
-  if (kind != "amends" && kind != "replaces") fields.complain(fmt::format("kind = \"{}\"; known: amends, replaces", kind));
+  if (kind != "amends" && kind != "replaces")
+    fields.complain(fmt::format("kind = \"{}\"; known: amends, replaces", kind));
   out.replaces = kind == "replaces";
   out.number = wanted(fields, "number");
   out.reason = optional(fields, "reason");
@@ -103,8 +105,19 @@ Amendment read_amendment(Fields fields) {
 
 /// "−2.50 × 10⁻⁶" -> "-2.50E-6".
 std::string plain(std::string number) {
-  static const std::array<std::pair<std::string, std::string>, 13> kAscii = {{{"\u2212", "-"}, {" × 10", "E"}, {"⁻", "-"},
-      {"⁰", "0"}, {"¹", "1"}, {"²", "2"}, {"³", "3"}, {"⁴", "4"}, {"⁵", "5"}, {"⁶", "6"}, {"⁷", "7"}, {"⁸", "8"}, {"⁹", "9"}}};
+  static const std::array<std::pair<std::string, std::string>, 13> kAscii = {{{"\u2212", "-"},
+                                                                              {" × 10", "E"},
+                                                                              {"⁻", "-"},
+                                                                              {"⁰", "0"},
+                                                                              {"¹", "1"},
+                                                                              {"²", "2"},
+                                                                              {"³", "3"},
+                                                                              {"⁴", "4"},
+                                                                              {"⁵", "5"},
+                                                                              {"⁶", "6"},
+                                                                              {"⁷", "7"},
+                                                                              {"⁸", "8"},
+                                                                              {"⁹", "9"}}};
   for (const auto& [what, with] : kAscii) {
     for (auto at = number.find(what); at != std::string::npos; at = number.find(what, at)) {
       number.replace(at, what.size(), with);
@@ -211,24 +224,44 @@ std::vector<ResultLine> lines_with_budget(const std::vector<ResultLine>& lines) 
   return out;
 }
 
+std::string results_csv(const Certificate& certificate) {
+  const auto quoted = [](const std::string& words) {
+    if (words.find_first_of(",\"\r\n") == std::string::npos) return words;
+    std::string out = "\"";
+    for (const char c : words) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+    return out + "\"";
+  };
+  std::string out = "number,symbol,name,artefact,position,unit,value,U,k,lower_limit,upper_limit,conformity,state\r\n";
+  for (const auto& line : result_lines(certificate)) {
+    out += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n", line.number, quoted(line.symbol),
+                       quoted(line.name), quoted(line.artefact), quoted(line.position), quoted(line.unit), line.value,
+                       line.U, line.k, line.lower.value_or(""), line.upper.value_or(""),
+                       line.verdict ? metrology::name_of(*line.verdict) : "", line.as_found ? "as found" : "as left");
+  }
+  return out;
+}
+
 void check(const Certificate& c) {
   if (c.records.empty()) throw InputError("a certificate needs at least one verification record");
   const auto word = [](char x) { return std::isalnum(static_cast<unsigned char>(x)) != 0; };
   if (std::none_of(c.number.begin(), c.number.end(), word) || trimmed(c.number) != c.number || c.number.size() > 80) {
-    throw InputError(fmt::format("the certificate number \"{}\" will not do: up to 80 letters, digits and signs, no "
-                                 "space at its ends", c.number.substr(0, 80)));
+    throw InputError(
+        fmt::format("the certificate number \"{}\" will not do: up to 80 letters, digits and signs, no "
+                    "space at its ends",
+                    c.number.substr(0, 80)));
   }
   for (const auto& record : c.records) {
     const auto& v = record.verification;
     if (v.quantities.empty()) throw InputError(fmt::format("the record of {} has no result to certify", v.scanner));
-    if (v.begun.size() < 10 || v.ended.size() < 10 || !is_day(v.begun.substr(0, 10)) || !is_day(v.ended.substr(0, 10)) ||
-        v.ended.substr(0, 10) < v.begun.substr(0, 10)) {
+    if (v.begun.size() < 10 || v.ended.size() < 10 || !is_day(v.begun.substr(0, 10)) ||
+        !is_day(v.ended.substr(0, 10)) || v.ended.substr(0, 10) < v.begun.substr(0, 10)) {
       throw InputError(fmt::format("the record of {} was begun \"{}\" and ended \"{}\": these are no dates in order",
                                    v.scanner, v.begun, v.ended));
     }
     if (!c.customer.item.received.empty() && v.begun.substr(0, 10) < c.customer.item.received) {
-      throw InputError(fmt::format("the item was received on {} and the calibration began on {}: correct [item] received",
-                                   c.customer.item.received, v.begun.substr(0, 10)));
+      throw InputError(
+          fmt::format("the item was received on {} and the calibration began on {}: correct [item] received",
+                      c.customer.item.received, v.begun.substr(0, 10)));
     }
     if (v.ended > c.issued) {
       throw InputError(fmt::format("the calibration ended {} after the certificate's date {}: the clock is wrong",

@@ -68,10 +68,10 @@ Customer read_customer(const std::filesystem::path& file);
 /// One verification record and where it was found.
 struct Record {
   metrology::Verification verification;
-  std::string document, sha256;           // the JSON as it stands in its file or in the history, and its hash
-  std::optional<std::int64_t> entry;      // number of the history's entry ...
-  std::string entry_hash, entry_date;     // ... its hash and date
-  bool as_found = false;                  // before adjustment
+  std::string document, sha256;        // the JSON as it stands in its file or in the history, and its hash
+  std::optional<std::int64_t> entry;   // number of the history's entry ...
+  std::string entry_hash, entry_date;  // ... its hash and date
+  bool as_found = false;               // before adjustment
 };
 
 struct Signer {
@@ -82,7 +82,7 @@ struct Signer {
 struct Certificate {
   bool is_report = false;  // short of a certificate: no number, no signature, parties may be unknown
   std::string number, language = "en";
-  std::string issued;      // RFC 3339 UTC
+  std::string issued;  // RFC 3339 UTC
   Laboratory laboratory;
   Customer customer;
   std::vector<Record> records;
@@ -116,6 +116,9 @@ std::string exact(double value);
 
 /// Lines whose uncertainty budget is printed: for each symbol the one that comes closest to its limit, else the largest U.
 std::vector<ResultLine> lines_with_budget(const std::vector<ResultLine>& lines);
+
+/// number,symbol,name,artefact,position,unit,value,U,k,lower_limit,upper_limit,conformity,state; RFC 4180.
+std::string results_csv(const Certificate& certificate);
 
 /// Contradictions that no certificate may carry (no record, no result, dates in the wrong order, a number without
 /// letters or digits, a coverage factor below 1): InputError.

@@ -56,7 +56,9 @@ Markup lines_of(const std::vector<std::string>& lines) {
 }
 
 Markup address_block(const Address& a) {
-  const auto joined = [](const std::string& x, const std::string& y) { return x.empty() || y.empty() ? x + y : x + " " + y; };
+  const auto joined = [](const std::string& x, const std::string& y) {
+    return x.empty() || y.empty() ? x + y : x + " " + y;
+  };
   return lines_of({a.name, joined(a.street, a.street_no), joined(a.country_code + " " + a.post_code, a.city), a.phone,
                    a.email, a.web});
 }
@@ -96,7 +98,8 @@ Markup head(const Certificate& c, const Catalogue& words) {
   Markup out = element("div", {{"class", "letterhead"}}, letterhead);
   if (c.is_test()) out += element("p", {{"class", "test"}}, text(words("title.test")));
   out += element("h1", text(title));
-  out += element("p", {{"class", "number"}}, text(number + " ") + element("b", {{"class", "running-number"}}, text(c.number)));
+  out += element("p", {{"class", "number"}},
+                 text(number + " ") + element("b", {{"class", "running-number"}}, text(c.number)));
   if (c.customer.amendment) {
     const auto& a = *c.customer.amendment;
     out += element("p", {{"class", "amendment"}},
@@ -106,13 +109,24 @@ Markup head(const Certificate& c, const Catalogue& words) {
   return out;
 }
 
+/// Two blocks side by side.
+Markup pair_of(const Markup& left, const Markup& right) {
+  return element("table", {{"class", "pair"}},
+                 element("tr", element("td", {{"class", "first"}}, left) + element("td", right)));
+}
+
+Markup block(const std::string& heading, const Markup& content) {
+  return element("div", {{"class", "label"}}, text(heading)) + element("div", {{"class", "block"}}, content);
+}
+
 Markup first_page(const Certificate& c, const Catalogue& words) {
-  Facts left, right, dates;
+  Markup out;
+  Facts left, right, order;
   if (!c.is_report) {
-    right.add(words("parties.laboratory"), address_block(c.laboratory.address));
-    right.add(words("parties.customer"), address_block(c.customer.address));
-    right.add(words("parties.order"), c.customer.order);
-    right.add(words("parties.place"), words("parties.place_" + c.laboratory.place));
+    out += pair_of(block(words("parties.laboratory"), address_block(c.laboratory.address)),
+                   block(words("parties.customer"), address_block(c.customer.address)));
+    order.add(words("parties.place"), words("parties.place_" + c.laboratory.place));
+    order.add(words("parties.order"), c.customer.order);
   }
   const Item& item = c.customer.item;
   left.add(words("item.name"), item.name);
@@ -121,14 +135,19 @@ Markup first_page(const Certificate& c, const Catalogue& words) {
   left.add(words("item.serial"), item.serial_number);
   left.add(words("item.inventory"), item.inventory_number);
   left.add(words("item.identification"), c.records.front().verification.scanner);
-  left.add(words("item.condition"), item.condition);
   const auto [begun, ended] = days_of(c);
-  dates.add(words("dates.received"), item.received);
-  dates.add(words("dates.begun"), begun);
-  dates.add(words("dates.ended"), ended);
-  dates.add(words("dates.issued"), c.issued.substr(0, 10));
-  return element("div", {{"class", "parties"}}, right.table()) +
-         element("section", element("h2", text(words("item.heading"))) + left.table() + dates.table());
+  right.add(words("dates.received"), item.received);
+  right.add(words("dates.begun"), begun);
+  right.add(words("dates.ended"), ended);
+  right.add(words("dates.issued"), c.issued.substr(0, 10));
+  Markup condition;
+  if (!item.condition.empty()) {
+    condition =
+        element("p", {{"class", "free"}},
+                element("span", {{"class", "label"}}, text(words("item.condition") + ": ")) + text(item.condition));
+  }
+  return out + element("section", element("h2", text(words("item.heading"))) +
+                                      pair_of(left.table(), right.table() + order.table()) + condition);
 }
 
 Markup conformity(const Certificate& c, const Catalogue& words) {
@@ -143,8 +162,9 @@ Markup conformity(const Certificate& c, const Catalogue& words) {
                                 text(words(std::string("conformity.") + name_of(record.verification.decision_rule))));
     }
   }
-  return element("section", {{"class", "conformity"}},
-                 element("h2", text(words("conformity.heading"))) + element("div", {{"class", "verdict"}}, box) + rules);
+  return element(
+      "section", {{"class", "conformity"}},
+      element("h2", text(words("conformity.heading"))) + element("div", {{"class", "verdict"}}, box) + rules);
 }
 
 Markup authorisation(const Certificate& c, const Catalogue& words) {
@@ -192,17 +212,21 @@ std::string certificate_html(const Certificate& c) {
   Markup body = element("header", head(c, words)) + first_page(c, words) + conformity(c, words);
   if (!c.is_report) body += authorisation(c, words);
   body += certificate_results(c, words) + certificate_annex(c, words);
-  body += element("p", {{"class", "end"}}, text(words(c.is_report ? "title.report_end" : "title.end") + " " + c.number));
+  body +=
+      element("p", {{"class", "end"}}, text(words(c.is_report ? "title.report_end" : "title.end") + " " + c.number));
   // Words in the margins are elements of the page, so that no text from outside stands in the style sheet.
-  const Markup running = element("div", {{"class", "running-laboratory"}}, text(c.laboratory.address.name)) +
-                         element("div", {{"class", "running-title"}}, text(title)) +
-                         element("div", {{"class", "running-test"}}, c.is_test() ? text(words("title.test")) : Markup());
-  const std::string page_number = fmt::format("@page{{@bottom-right{{content:\"{} \" counter(page) \" {} \" counter(pages)}}}}",
-                                              words("title.page"), words("title.of"));
+  const Markup running =
+      element("div", {{"class", "running-laboratory"}}, text(c.laboratory.address.name)) +
+      element("div", {{"class", "running-title"}}, text(title)) +
+      element("div", {{"class", "running-test"}}, c.is_test() ? text(words("title.test")) : Markup());
+  const std::string page_number =
+      fmt::format("@page{{@bottom-right{{content:\"{} \" counter(page) \" {} \" counter(pages)}}}}",
+                  words("title.page"), words("title.of"));
   return "<!DOCTYPE html>\n<html lang=\"" + escape(c.language) +
-         "\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\">\n" +
-         element("title", text(title)).html() + "\n<style>" + kCertificateStyle + page_number + "</style>\n</head>\n<body>\n" +
-         element("main", running + body).html() + "\n</body>\n</html>\n";
+         "\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" "
+         "content=\"width=device-width,initial-scale=1\">\n" +
+         element("title", text(title)).html() + "\n<style>" + kCertificateStyle + page_number +
+         "</style>\n</head>\n<body>\n" + element("main", running + body).html() + "\n</body>\n</html>\n";
 }
 
 }  // namespace fringecal::reports

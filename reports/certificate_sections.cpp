@@ -21,28 +21,39 @@ std::string limits_text(const ResultLine& line, const Catalogue& words) {
   return words("results.limit_none");
 }
 
+/// "3" says nothing by itself.
+std::string position_text(const ResultLine& line, const Catalogue& words) {
+  const bool bare = line.position.find_first_not_of("0123456789") == std::string::npos && !line.position.empty();
+  return bare ? words("results.position") + " " + line.position : words.name(line.position);
+}
+
 Markup verdict_cell(const ResultLine& line, const Catalogue& words) {
   if (!line.verdict) return text("\u2013");
   std::string name = name_of(*line.verdict);
   std::replace(name.begin(), name.end(), ' ', '_');
   const bool good = *line.verdict == metrology::Verdict::pass || *line.verdict == metrology::Verdict::conditional_pass;
-  return element("span", {{"class", good ? "good" : "other"}}, text(words("conformity." + name)));
+  const bool open = *line.verdict == metrology::Verdict::not_proved;
+  return element("span", {{"class", good ? "good" : open ? "open" : "bad"}}, text(words("conformity." + name)));
 }
 
 Markup results_table(const std::vector<ResultLine>& lines, const Catalogue& words) {
   std::vector<std::vector<Markup>> rows;
   for (const auto& line : lines) {
-    rows.push_back({text(std::to_string(line.number)),
-                    element("b", text(line.symbol)) + text(" ") +
-                        element("span", {{"class", "sub"}}, text(words.name(line.name))),
-                    text(line.artefact) + element("span", {{"class", "sub"}}, text(words.name(line.position))),
-                    text(shown(line.value, line.unit)), text(shown(line.U, line.unit)), text(line.k),
-                    text(limits_text(line, words)), verdict_cell(line, words)});
+    rows.push_back(
+        {text(std::to_string(line.number)),
+         element("b", text(line.symbol)) + text(" ") + element("span", {{"class", "sub"}}, text(words.name(line.name))),
+         text(line.artefact) + element("span", {{"class", "sub"}}, text(position_text(line, words))),
+         text(shown(line.value, line.unit)), text(shown(line.U, line.unit)), text(line.k),
+         text(limits_text(line, words)), verdict_cell(line, words)});
   }
   return table("results",
-               {{words("results.line"), "", ""}, {words("results.quantity"), "", ""}, {words("results.artefact"), "", ""},
-                {words("results.value"), "number", ""}, {words("results.U"), "number", ""},
-                {words("results.k"), "number", ""}, {words("results.limit"), "", ""},
+               {{words("results.line"), "", ""},
+                {words("results.quantity"), "", ""},
+                {words("results.artefact"), "", ""},
+                {words("results.value"), "number", ""},
+                {words("results.U"), "number", ""},
+                {words("results.k"), "number", ""},
+                {words("results.limit"), "", ""},
                 {words("results.verdict"), "", ""}},
                rows);
 }
@@ -68,7 +79,8 @@ Markup method(const Certificate& c, const Catalogue& words) {
     if (!v.plan_unchecked.empty()) {
       out += element("p", element("b", text(words("method.unchecked") + ":"))) + list_of(v.plan_unchecked);
     }
-    out += element("p", text(words("method.software", {{"program", v.provenance.program}, {"version", v.provenance.version}})));
+    out += element(
+        "p", text(words("method.software", {{"program", v.provenance.program}, {"version", v.provenance.version}})));
   }
   std::vector<std::string> deviations;
   for (const auto& record : c.records) {
@@ -83,11 +95,11 @@ Markup conditions(const Certificate& c, const Catalogue& words) {
   Markup rows;
   for (const auto& record : c.records) {
     const auto& e = record.verification.environment;
-    rows += element("p", element("b", text(words("conditions.temperature") + ": ")) + text(temperature_text(e, words)) +
-                             (e.humidity_percent ? element("br", {}, {}) +
-                                                       element("b", text(words("conditions.humidity") + ": ")) +
-                                                       text(shown(exact(*e.humidity_percent), "%"))
-                                                 : Markup()));
+    rows += element(
+        "p", element("b", text(words("conditions.temperature") + ": ")) + text(temperature_text(e, words)) +
+                 (e.humidity_percent ? element("br", {}, {}) + element("b", text(words("conditions.humidity") + ": ")) +
+                                           text(shown(exact(*e.humidity_percent), "%"))
+                                     : Markup()));
   }
   return element("section", element("h2", text(words("conditions.heading"))) + rows);
 }
@@ -102,7 +114,8 @@ Markup traceability(const Certificate& c, const Catalogue& words) {
       for (const auto& v : a.values) {
         const Stated s = stated(v.value_mm, v.U_mm);
         if (!values.empty()) values += element("br", {}, {});
-        values += text(fmt::format("{}: {} ± {}, k = {}", words.name(v.name), shown(s.value, "mm"), shown(s.U, "mm"), exact(v.k)));
+        values += text(
+            fmt::format("{}: {} ± {}, k = {}", words.name(v.name), shown(s.value, "mm"), shown(s.U, "mm"), exact(v.k)));
       }
       Markup until = text(a.valid_until);
       if (a.expired_accepted) until += element("span", {{"class", "sub"}}, text(words("traceability.expired")));
@@ -111,18 +124,21 @@ Markup traceability(const Certificate& c, const Catalogue& words) {
     }
   }
   if (rows.empty()) return {};
-  return element("section",
-                 element("h2", text(words("traceability.heading"))) +
-                     element("p", text(words("traceability.statement"))) +
-                     table("small",
-                           {{words("traceability.artefact"), "", ""}, {words("traceability.certified"), "", ""},
-                            {words("traceability.certificate"), "", ""}, {words("traceability.laboratory"), "", ""},
-                            {words("traceability.date"), "", ""}, {words("traceability.valid_until"), "", ""}},
-                           rows));
+  return element("section", element("h2", text(words("traceability.heading"))) +
+                                element("p", text(words("traceability.statement"))) +
+                                table("small",
+                                      {{words("traceability.artefact"), "", ""},
+                                       {words("traceability.certified"), "", ""},
+                                       {words("traceability.certificate"), "", ""},
+                                       {words("traceability.laboratory"), "", ""},
+                                       {words("traceability.date"), "", ""},
+                                       {words("traceability.valid_until"), "", ""}},
+                                      rows));
 }
 
 Markup budgets(const Certificate& c, const Catalogue& words) {
   Markup out;
+  std::size_t n = 0;
   for (const auto& line : lines_with_budget(result_lines(c))) {
     std::vector<std::vector<Markup>> rows;
     for (const auto& contribution : line.quantity->budget) {
@@ -132,11 +148,14 @@ Markup budgets(const Certificate& c, const Catalogue& words) {
     }
     rows.push_back({element("b", text(words("uncertainty.combined"))), text(""),
                     element("b", text(shown(two_digits(line.quantity->uncertainty.u), line.unit)))});
-    out += element("div", {{"class", "budget"}},
+    out += element("div", {{"class", n++ % 2 == 0 ? "budget" : "budget second"}},
                    element("h3", text(words("uncertainty.budget", {{"line", std::to_string(line.number)},
                                                                    {"quantity", words.name(line.name)}}))) +
-                       table("small", {{words("uncertainty.contribution"), "", ""}, {words("uncertainty.kind"), "", ""},
-                                       {words("uncertainty.u"), "number", ""}}, rows));
+                       table("small",
+                             {{words("uncertainty.contribution"), "", ""},
+                              {words("uncertainty.kind"), "", ""},
+                              {words("uncertainty.u"), "number", ""}},
+                             rows));
   }
   return out;
 }
@@ -157,8 +176,9 @@ Markup remarks(const Certificate& c, const Catalogue& words) {
     origin += element("p", {{"class", "hash"}},
                       text(words("remarks.record", {{"line", std::to_string(++number)}}) + " " + record.sha256));
     if (record.entry) {
-      origin += element("p", {{"class", "hash"}},
-                        text(words("remarks.history", {{"number", std::to_string(*record.entry)}}) + " " + record.entry_hash));
+      origin += element(
+          "p", {{"class", "hash"}},
+          text(words("remarks.history", {{"number", std::to_string(*record.entry)}}) + " " + record.entry_hash));
     }
   }
   return element("section", out) + element("section", element("h2", text(words("remarks.origin"))) + origin);

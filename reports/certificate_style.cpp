@@ -11,11 +11,11 @@ body{margin:0;color:#1b1f24;font-family:"Liberation Sans",Arial,"DejaVu Sans","D
 font-size:10.4pt;line-height:1.45}
 main{max-width:190mm;margin:24px auto;padding:18mm 18mm 20mm;background:#fff}
 h1,h2,h3{font-family:"Liberation Serif",Georgia,"DejaVu Serif","Droid Sans Fallback",serif;font-weight:bold;line-height:1.2;margin:0}
-h1{font-size:27pt;margin-top:11mm}
+h1{font-size:26pt;margin-top:8mm}
 h2{font-size:13.5pt;margin:0 0 2.6mm;padding-top:2.4mm;border-top:1.4pt solid #1b1f24}
 h3{font-size:10.8pt;margin:4mm 0 1mm}
 p{margin:0 0 2.2mm}
-section{margin-top:7.5mm}
+section{margin-top:6.5mm}
 .letterhead{border-bottom:.6pt solid #b9c0c8;padding-bottom:2.6mm}
 .laboratory{font-weight:bold;font-size:12pt;color:#0b5a7a}
 .accreditation{font-size:9pt;color:#55606c}
@@ -24,9 +24,14 @@ section{margin-top:7.5mm}
 .amendment{margin-top:2mm}
 .test{margin:5mm 0 0;padding:2mm 4mm;border:1.6pt solid #a11f2a;color:#a11f2a;font-weight:bold;letter-spacing:.02em}
 .facts{width:100%;border-collapse:collapse;margin:0 0 2mm}
-.facts th{width:47mm;text-align:left;font-weight:normal;color:#55606c;vertical-align:top;padding:.9mm 4mm .9mm 0}
-.facts td{vertical-align:top;padding:.9mm 0;overflow-wrap:anywhere}
-.parties{margin-top:7mm}
+.facts th{width:34mm;text-align:left;font-weight:normal;color:#55606c;vertical-align:top;padding:.6mm 3mm .6mm 0}
+.facts td{vertical-align:top;padding:.6mm 0;overflow-wrap:anywhere}
+.pair{width:100%;border-collapse:collapse}
+.pair td.first{width:54%;padding-right:6mm}
+.pair>tr>td,.pair>tbody>tr>td{vertical-align:top}
+header+.pair{margin-top:6mm}
+.label{color:#55606c;font-size:8.6pt}
+.block{margin-top:.6mm}
 .verdict{display:table}
 .verdict .sign{display:table-cell;width:14mm;vertical-align:middle}
 .verdict .overall{display:table-cell;vertical-align:middle;font-family:"Liberation Serif",Georgia,serif;font-weight:bold;font-size:13pt;line-height:1.3}
@@ -48,12 +53,14 @@ table.results th:last-child,table.results td:last-child,table.small th:last-chil
 table.results tbody th{color:#55606c;width:7mm}
 .sub{display:block;color:#55606c;font-size:8.2pt}
 .good{font-weight:bold;color:#1d6b3c}
-.other{font-weight:bold;color:#a11f2a}
+.bad{font-weight:bold;color:#a11f2a}
+.open{font-weight:bold}
 figure{margin:4mm 0 0;break-inside:avoid}
 figure svg{width:100%;height:auto}
 figcaption{font-size:8.2pt;color:#55606c;margin-top:1.2mm}
-.budget{break-inside:avoid}
-.budget table{width:72%}
+.budget{break-inside:avoid;display:inline-block;width:48%;margin-right:3.6%;vertical-align:top}
+.budget.second{margin-right:0}
+.budget h3{font-size:9.6pt}
 ul{margin:0 0 2mm;padding-left:5mm}
 .free{white-space:pre-wrap;overflow-wrap:anywhere}
 .hash{font-size:7.4pt;color:#55606c;margin-bottom:.8mm}

@@ -12,15 +12,15 @@ namespace fringecal::reports {
 namespace {
 
 constexpr std::array<std::pair<const char*, const char*>, 10> kUnits = {{{"mm", "\\milli\\metre"},
-                                                                        {"um", "\\micro\\metre"},
-                                                                        {"µm", "\\micro\\metre"},
-                                                                        {"m", "\\metre"},
-                                                                        {"°C", "\\degreecelsius"},
-                                                                        {"degC", "\\degreecelsius"},
-                                                                        {"%", "\\percent"},
-                                                                        {"1", "\\one"},
-                                                                        {"mrad", "\\milli\\radian"},
-                                                                        {"rad", "\\radian"}}};
+                                                                         {"um", "\\micro\\metre"},
+                                                                         {"µm", "\\micro\\metre"},
+                                                                         {"m", "\\metre"},
+                                                                         {"°C", "\\degreecelsius"},
+                                                                         {"degC", "\\degreecelsius"},
+                                                                         {"%", "\\percent"},
+                                                                         {"1", "\\one"},
+                                                                         {"mrad", "\\milli\\radian"},
+                                                                         {"rad", "\\radian"}}};
 
 /// U+FFFE and U+FFFF are UTF-8 but not XML [XML 1.0, production 2].
 std::string xml_text(std::string words) {
@@ -38,7 +38,8 @@ std::string dsi_unit(const std::string& unit) {
   for (const auto& [ours, dsi] : kUnits) {
     if (unit == ours) return dsi;
   }
-  throw InputError(fmt::format("the unit \"{}\" has no D-SI name in this program; known: mm, um, m, degC, %, 1, mrad, rad", unit));
+  throw InputError(
+      fmt::format("the unit \"{}\" has no D-SI name in this program; known: mm, um, m, degC, %, 1, mrad, rad", unit));
 }
 
 std::string unit_of_dsi(const std::string& dsi) {
@@ -91,11 +92,11 @@ Markup real(const Real& r) {
     if (point == std::string::npos) point = digits.size();
     std::erase(digits, '.');
     const std::string probability = point >= 3 ? "1" : "0." + std::string(2 - point, '0') + digits;
-    content += element("si:measurementUncertaintyUnivariate",
-                       element("si:expandedMU", element("si:valueExpandedMU", text(r.U)) +
-                                                    element("si:coverageFactor", text(r.k)) +
-                                                    element("si:coverageProbability", text(probability)) +
-                                                    element("si:distribution", text("normal"))));
+    content += element(
+        "si:measurementUncertaintyUnivariate",
+        element("si:expandedMU", element("si:valueExpandedMU", text(r.U)) + element("si:coverageFactor", text(r.k)) +
+                                     element("si:coverageProbability", text(probability)) +
+                                     element("si:distribution", text("normal"))));
   }
   return element("si:real", content) + Markup::trusted("\n");
 }

@@ -35,13 +35,14 @@ std::vector<Row> rows_of(const std::vector<ResultLine>& lines) {
 }
 
 std::string line_svg(double x1, double y1, double x2, double y2, const char* colour, double width) {
-  return fmt::format("<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"{}\" stroke-width=\"{}\"/>",
-                     x1, y1, x2, y2, colour, width);
+  return fmt::format(
+      "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"{}\" stroke-width=\"{}\"/>", x1, y1, x2,
+      y2, colour, width);
 }
 
 std::string words_svg(double x, double y, const char* anchor, const std::string& words) {
-  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\" font-size=\"10.5\" fill=\"#1b1f24\">{}</text>", x,
-                     y, anchor, escape(words));
+  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\" font-size=\"10.5\" fill=\"#1b1f24\">{}</text>",
+                     x, y, anchor, escape(words));
 }
 
 Markup figure_of(const std::vector<Row>& rows) {
@@ -59,8 +60,8 @@ Markup figure_of(const std::vector<Row>& rows) {
   for (const auto& row : rows) {
     const double middle = y + kRow / 2;
     const auto grey = [&](double a, double b) {
-      svg += fmt::format("<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{}\" fill=\"#d5d9de\"/>", x_of(a), y,
-                         x_of(b) - x_of(a), kRow);
+      svg += fmt::format("<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{}\" fill=\"#d5d9de\"/>", x_of(a),
+                         y, x_of(b) - x_of(a), kRow);
     };
     if (row.upper) grey(100, kEdge);
     if (row.lower && two_sided) grey(-kEdge, -100);
@@ -80,7 +81,8 @@ Markup figure_of(const std::vector<Row>& rows) {
   y = kTop;
   for (const auto& row : rows) {
     const double middle = y + kRow / 2, low = x_of(row.percent - row.half), high = x_of(row.percent + row.half);
-    svg += line_svg(low, middle, high, middle, "#0b5a7a", 1.6) + line_svg(low, middle - 3.5, low, middle + 3.5, "#0b5a7a", 1.6) +
+    svg += line_svg(low, middle, high, middle, "#0b5a7a", 1.6) +
+           line_svg(low, middle - 3.5, low, middle + 3.5, "#0b5a7a", 1.6) +
            line_svg(high, middle - 3.5, high, middle + 3.5, "#0b5a7a", 1.6);
     const double at = x_of(row.percent);
     if (row.percent > kEdge || row.percent < from) {

@@ -1,4 +1,4 @@
-#include "sample_verification.h"
+#include "tests/support/sample_verification.h"
 
 #include <array>
 #include <string>
@@ -21,7 +21,11 @@ metrology::Quantity quantity_of(const Sample& s, double shift_mm) {
   metrology::Quantity q{.symbol = s.symbol, .name = s.name, .artefact = s.artefact, .position = s.position};
   q.value = s.value_mm + shift_mm;
   q.budget = {{.name = "certificate of the artefact", .u = s.u_certificate_mm, .sensitivity = -1},
-              {.name = "repeatability of the mean", .evaluation = Evaluation::type_a, .form = Form::student_t, .u = 0.0013, .nu = 9},
+              {.name = "repeatability of the mean",
+               .evaluation = Evaluation::type_a,
+               .form = Form::student_t,
+               .u = 0.0013,
+               .nu = 9},
               {.name = "thermal expansion coefficient", .form = Form::rectangular, .u = 0.00021},
               {.name = "temperature of the artefact", .form = Form::rectangular, .u = 0.00034},
               {.name = "form of the artefact", .u = 0.0004}};
@@ -49,13 +53,27 @@ metrology::Verification sample_verification(double shift_mm) {
   v.ended = "2026-11-20T10:47:31Z";
   v.environment = {.temperature_degC = 20.3, .u_temperature_degC = 0.15, .humidity_percent = 46};
   v.decision_rule = metrology::DecisionRule::iso_14253_1;
-  v.artefacts = {{.name = "sphere 30", .kind = "sphere", .certificate = "K-2026-0815", .laboratory = "D-K-15000-01-00",
-                  .date = "2026-03-01", .valid_until = "2028-03-01", .values = {{"diameter", 30.0043, 0.0006, 2}}},
-                 {.name = "ball bar 150", .kind = "ball_bar", .certificate = "K-2026-0816", .laboratory = "D-K-15000-01-00",
-                  .date = "2026-03-01", .valid_until = "2028-03-01",
+  v.artefacts = {{.name = "sphere 30",
+                  .kind = "sphere",
+                  .certificate = "K-2026-0815",
+                  .laboratory = "D-K-15000-01-00",
+                  .date = "2026-03-01",
+                  .valid_until = "2028-03-01",
+                  .values = {{"diameter", 30.0043, 0.0006, 2}}},
+                 {.name = "ball bar 150",
+                  .kind = "ball_bar",
+                  .certificate = "K-2026-0816",
+                  .laboratory = "D-K-15000-01-00",
+                  .date = "2026-03-01",
+                  .valid_until = "2028-03-01",
                   .values = {{"diameter", 30.0012, 0.0006, 2}, {"distance", 150.0131, 0.0012, 2}}},
-                 {.name = "flat 500", .kind = "flat", .certificate = "K-2025-1207", .laboratory = "D-K-15000-01-00",
-                  .date = "2025-12-07", .valid_until = "2027-12-07", .values = {{"form", 0.0021, 0.0008, 2}}}};
+                 {.name = "flat 500",
+                  .kind = "flat",
+                  .certificate = "K-2025-1207",
+                  .laboratory = "D-K-15000-01-00",
+                  .date = "2025-12-07",
+                  .valid_until = "2027-12-07",
+                  .values = {{"form", 0.0021, 0.0008, 2}}}};
   const std::array<Sample, 13> samples = {{
       {"PF", "probing error, form", "sphere 30", "1", 0.0612, {.lower = {}, .upper = 0.10}, 0.0002},
       {"PF", "probing error, form", "sphere 30", "2", 0.0587, {.lower = {}, .upper = 0.10}, 0.0002},
@@ -73,7 +91,9 @@ metrology::Verification sample_verification(double shift_mm) {
   }};
   for (const auto& sample : samples) v.quantities.push_back(quantity_of(sample, shift_mm));
   v.deviations = {};
-  v.provenance = {.program = "fringecal", .version = "0.1.0", .date = "2026-11-20T10:47:40Z",
+  v.provenance = {.program = "fringecal",
+                  .version = "0.1.0",
+                  .date = "2026-11-20T10:47:40Z",
                   .inputs = {{"scanner.json", std::string(64, 'a')}}};
   return v;
 }
@@ -111,7 +131,8 @@ schema_version = 1
 order = "4500123456"
 recalibration_date = "2027-11-30"
 remarks = '''
-)" + free_text + R"('''
+)" + free_text +
+         R"('''
 
 [address]
 name = "Formenbau Beispiel & Söhne KG"
@@ -128,7 +149,8 @@ model = "FP-1392"
 serial_number = "0007-2026"
 inventory_number = "MM-118"
 condition = '''
-)" + free_text + R"('''
+)" + free_text +
+         R"('''
 received = "2026-11-18"
 )";
 }
