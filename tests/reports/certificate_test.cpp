@@ -81,7 +81,8 @@ TEST(Catalogue, HasTheSameKeysAndBracesInEveryLanguage) {
     const auto& other = Catalogue::in(language);
     ASSERT_EQ(english.keys(), other.keys()) << language;
     for (const auto& key : english.keys()) {
-      if (!key.starts_with("names.")) EXPECT_EQ(braces(english(key)), braces(other(key))) << language << " " << key;
+      if (key.starts_with("names.")) continue;
+      EXPECT_EQ(braces(english(key)), braces(other(key))) << language << " " << key;
     }
   }
   EXPECT_THAT(message_of<InputError>([] { Catalogue::in("eo"); }), HasSubstr("known: en, de"));
