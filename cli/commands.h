@@ -23,5 +23,9 @@ void add_plan(CLI::App& app);
 void add_verify(CLI::App& app);
 void add_register(CLI::App& app);
 void add_history(CLI::App& app);
+void add_certify(CLI::App& app);
+void add_check(CLI::App& app);
+void add_dcc(CLI::App& app);
+void add_report(CLI::App& app);
 
 }  // namespace fringecal::cli

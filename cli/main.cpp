@@ -29,6 +29,10 @@ int main(int argc, char** argv) {
   cli::add_measure(app);
   cli::add_register(app);
   cli::add_fit(app);
+  cli::add_certify(app);
+  cli::add_check(app);
+  cli::add_report(app);
+  cli::add_dcc(app);
   cli::add_import(app);
   cli::add_decode(app);
   cli::add_capture(app);

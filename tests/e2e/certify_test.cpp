@@ -1,0 +1,212 @@
+// A certificate as its laboratory makes it and its customer checks it, with independent programs as witnesses: xmlsec1,
+// poppler, and a network namespace without interfaces.
+#include "core/file.h"
+#include "core/value.h"
+#include "metrology/history.h"
+#include "reports/archival_pdf.h"
+#include "reports/certificate_check.h"
+#include "reports/signature.h"
+#include "tests/support/program.h"
+#include "tests/support/sample_verification.h"
+#include "tests/support/test_key.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <filesystem>
+#include <memory>
+#include <regex>
+#include <string>
+#include <vector>
+
+namespace fringecal {
+namespace {
+
+namespace fs = std::filesystem;
+using test::run_fringecal;
+using testing::HasSubstr;
+
+const fs::path kSchemas = fs::path(FRINGECAL_SHARED_DATA) / "dcc-schema";
+
+class Certify : public testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    ::setenv("SOURCE_DATE_EPOCH", "1795330800", 1);  // 2026-11-22T07:00:00Z
+    folder_ = std::make_unique<test::ScratchFolder>();
+    write_atomically(*folder_ / "verification.json", to_json(metrology::to_value(test::sample_verification())));
+    write_atomically(*folder_ / "lab.toml", test::sample_laboratory());
+    write_atomically(*folder_ / "customer.toml", test::sample_customer());
+    test::make_test_key(folder_->path(), "lab", "ec");
+    const auto made = run_fringecal(certify({path("verification.json")}, "certificate"));
+    ASSERT_EQ(made.exit_code, 0) << made.errors;
+    EXPECT_THAT(made.output, HasSubstr("13 results, signed by"));
+  }
+  static void TearDownTestSuite() { folder_.reset(); }
+
+  static std::string path(const std::string& name) { return (*folder_ / name).string(); }
+  static std::vector<std::string> certify(const std::vector<std::string>& records, const std::string& output,
+                                          const std::vector<std::string>& more = {}) {
+    std::vector<std::string> out = {"certify"};
+    out.insert(out.end(), records.begin(), records.end());
+    for (const auto& one :
+         {"--lab", "lab.toml", "--customer", "customer.toml", "--key", "lab.key", "--certificate", "lab.pem"}) {
+      out.push_back(std::string(one).starts_with("--") ? one : path(one));
+    }
+    out.insert(out.end(), {"--number", "K-2026-0017", "-o", path(output)});
+    if (fs::exists(kSchemas)) out.insert(out.end(), {"--schema-dir", kSchemas.string()});
+    out.insert(out.end(), more.begin(), more.end());
+    return out;
+  }
+  static std::string bytes(const std::string& name) { return read_bytes(*folder_ / name); }
+
+  static std::unique_ptr<test::ScratchFolder> folder_;
+};
+std::unique_ptr<test::ScratchFolder> Certify::folder_;
+
+TEST_F(Certify, MakesACertificateThatItsCustomerCanCheck) {
+  std::vector<std::string> arguments = {"check", path("certificate"), "--trust", path("lab.pem")};
+  if (fs::exists(kSchemas)) arguments.insert(arguments.end(), {"--schema-dir", kSchemas.string()});
+  const auto checked = run_fringecal(arguments);
+  EXPECT_EQ(checked.exit_code, 0) << checked.errors;
+  EXPECT_THAT(checked.output, HasSubstr("nothing wrong"));
+  const auto nobody = run_fringecal({"check", path("certificate")});
+  EXPECT_EQ(nobody.exit_code, 2);
+  EXPECT_THAT(nobody.errors, HasSubstr("--trust"));
+}
+
+TEST_F(Certify, SignsSoThatEveryOneOf200AlterationsIsRefused) {
+  const std::string xml = bytes("certificate/certificate.xml"), altered_file = path("altered.xml");
+  const auto accepted = [&](const std::string& file) {
+    return test::run({"xmlsec1", "--verify", "--trusted-pem", path("lab.pem"), file}).status == 0;
+  };
+  ASSERT_TRUE(accepted(path("certificate/certificate.xml")));
+  const auto canonical = [](const std::string& file) {
+    return test::run({"xmllint", "--nonet", "--c14n11", file}).output;
+  };
+  const std::string original = canonical(path("certificate/certificate.xml"));
+  int outside = 0;
+  for (int k = 0; k < 200; ++k) {
+    const std::size_t at = static_cast<std::size_t>(k) * (xml.size() - 1) / 199;
+    std::string altered = xml;
+    altered[at] = altered[at] == '5' ? '6' : '5';
+    write_atomically(altered_file, altered);
+    const bool by_xmlsec1 = accepted(altered_file);
+    bool by_us = true;
+    try {
+      const auto verdict = reports::verify_xml(altered, {path("lab.pem")});
+      by_us = verdict.present && verdict.fault.empty();
+    } catch (const std::exception&) {
+      by_us = false;
+    }
+    EXPECT_FALSE(by_us && !by_xmlsec1) << "byte " << at;
+    if (!by_xmlsec1) continue;
+    // What is signed is the canonical form: an alteration that leaves it as it is, is outside.
+    EXPECT_EQ(canonical(altered_file), original) << "byte " << at << " of " << xml.size();
+    ++outside;
+  }
+  EXPECT_LE(outside, 2);  // the XML declaration and the last line's end
+}
+
+TEST_F(Certify, MakesAnArchivalPdfWithItsTwinInside) {
+  const std::string pdf = path("certificate/certificate.pdf");
+  const auto info = test::run({"pdfinfo", pdf});
+  EXPECT_THAT(info.output, HasSubstr("Tagged:          yes"));
+  EXPECT_THAT(info.output, HasSubstr("PDF version:     1.7"));
+  const std::string metadata = test::run({"pdfinfo", "-meta", pdf}).output;
+  EXPECT_THAT(metadata, HasSubstr("<pdfaid:part>3</pdfaid:part><pdfaid:conformance>B</pdfaid:conformance>"));
+  const std::string fonts = test::run({"pdffonts", pdf}).output;
+  const std::regex embedded(R"(yes yes yes +\d+ +0)");
+  int n_fonts = 0;
+  std::istringstream lines(fonts.substr(fonts.find("----\n") + 1));
+  for (std::string line; std::getline(lines, line);) {
+    if (line.empty() || line.find("---") != std::string::npos) continue;
+    EXPECT_TRUE(std::regex_search(line, embedded)) << line;
+    ++n_fonts;
+  }
+  EXPECT_GE(n_fonts, 2);
+  ASSERT_EQ(test::run({"pdfdetach", "-save", "1", "-o", path("detached.xml"), pdf}).status, 0);
+  EXPECT_EQ(bytes("detached.xml"), bytes("certificate/certificate.xml"));
+  EXPECT_EQ(test::run({"qpdf", "--check", pdf}).status, 0);
+  std::istringstream pages(reports::text_of_pdf(read_bytes(pdf)));
+  int n_pages = 0;
+  for (std::string page; std::getline(pages, page, '\f');) {
+    EXPECT_THAT(page, HasSubstr("TEST KEY"));
+    EXPECT_THAT(page, HasSubstr("K-2026-0017"));
+    ++n_pages;
+  }
+  EXPECT_GE(n_pages, 2);
+}
+
+TEST_F(Certify, SaysTheSameNumbersInThePdfAndInTheXml) {
+  const std::string text = reports::text_of_pdf(bytes("certificate/certificate.pdf")),
+                    xml = bytes("certificate/certificate.xml");
+  EXPECT_GT(reports::number_words(text).size(), 150u);  // the comparison has something to compare
+  EXPECT_THAT(reports::differences(text, xml, "certificate.xml"), testing::IsEmpty());
+  std::string other = text;
+  other.replace(other.find("0.0612"), 6, "0.0613");
+  EXPECT_THAT(reports::differences(other, xml, "certificate.xml"), testing::SizeIs(2));  // unknown there, missing here
+  other = text;
+  other.replace(other.find("0.0612\u00a0mm") + 8, 2, "µm");
+  EXPECT_THAT(reports::differences(other, xml, "certificate.xml"), testing::Not(testing::IsEmpty()));
+}
+
+TEST_F(Certify, GivesTheSameBytesAgain) {
+  ASSERT_EQ(run_fringecal(certify({path("verification.json")}, "again")).exit_code, 0);
+  for (const auto* file :
+       {"certificate.html", "certificate.xml", "certificate.pdf", "certificate.pdf.p7s", "data/results.csv"}) {
+    EXPECT_EQ(bytes(std::string("certificate/") + file), bytes(std::string("again/") + file)) << file;
+  }
+}
+
+TEST_F(Certify, NeedsNoNetwork) {
+  const std::vector<std::string> alone = {"unshare", "--map-root-user", "--net"};
+  if (test::run({alone[0], alone[1], alone[2], "true"}).status != 0)
+    GTEST_SKIP() << "network namespaces are not permitted here";
+  std::vector<std::string> arguments = alone;
+  arguments.insert(arguments.end(), {"env", "SOURCE_DATE_EPOCH=1795330800", FRINGECAL_PROGRAM});
+  const auto call = certify({path("verification.json")}, "alone");
+  arguments.insert(arguments.end(), call.begin(), call.end());
+  const auto made = test::run(arguments);
+  ASSERT_EQ(made.status, 0) << made.errors;
+  EXPECT_EQ(bytes("alone/certificate.pdf"), bytes("certificate/certificate.pdf"));
+}
+
+TEST_F(Certify, FromAHistoryEntersItselfAndIsBoundToIt) {
+  const std::string file = path("history.db");
+  metrology::History(file, metrology::History::Access::write)
+      .append("verification", metrology::to_value(test::sample_verification()), "2026-11-20T11:00:00Z");
+  const auto made = run_fringecal(certify({"1"}, "from-history", {"--history", file, "--language", "de"}));
+  ASSERT_EQ(made.exit_code, 0) << made.errors;
+  const auto twice = run_fringecal(certify({"1"}, "twice", {"--history", file}));
+  EXPECT_EQ(twice.exit_code, 2);
+  EXPECT_THAT(twice.errors, HasSubstr("was issued already"));
+  const auto checked = run_fringecal({"check", path("from-history"), "--trust", path("lab.pem"), "--history", file});
+  EXPECT_EQ(checked.exit_code, 0) << checked.errors;
+  EXPECT_THAT(checked.output, HasSubstr("its chain unbroken"));
+  const std::string other = path("other.db");
+  metrology::History(other, metrology::History::Access::write)
+      .append("verification", metrology::to_value(test::sample_verification(0.001)), "2026-11-20T11:00:00Z");
+  EXPECT_EQ(run_fringecal({"check", path("from-history"), "--trust", path("lab.pem"), "--history", other}).exit_code,
+            2);
+}
+
+TEST_F(Certify, IsNotFooledByAPdfOfAnotherCertificate) {
+  fs::copy(path("certificate"), path("mixed"), fs::copy_options::recursive);
+  std::string pdf = bytes("mixed/certificate.pdf");
+  pdf[pdf.size() / 2] ^= 1;
+  write_atomically(path("mixed/certificate.pdf"), pdf);
+  const auto checked = run_fringecal({"check", path("mixed"), "--trust", path("lab.pem")});
+  EXPECT_EQ(checked.exit_code, 2);
+  EXPECT_THAT(checked.errors, HasSubstr("signature of the PDF does not hold"));
+}
+
+TEST_F(Certify, WritesAReportShortOfACertificate) {
+  const auto made = run_fringecal({"report", path("verification.json"), "-o", path("report")});
+  ASSERT_EQ(made.exit_code, 0) << made.errors;
+  EXPECT_THAT(bytes("report/report.html"), HasSubstr("Verification report"));
+  EXPECT_TRUE(bytes("report/report.pdf").starts_with("%PDF-1.7"));
+}
+
+}  // namespace
+}  // namespace fringecal
