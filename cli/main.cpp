@@ -25,6 +25,8 @@ int main(int argc, char** argv) {
   cli::add_calibrate(app);
   cli::add_measure(app);
   cli::add_fit(app);
+  cli::add_find(app);
+  cli::add_check_fits(app);
   cli::add_import(app);
   cli::add_decode(app);
   cli::add_capture(app);

@@ -6,6 +6,7 @@
 //   why_flat(points)              the sentence, where the points lie in one plane (or line)
 //   start(points, most, options)  a surface near the minimum, in the points' frame, without a guess, from at most `most`
 //                                 points; or the sentence
+//   rough_start(points)           the same, quickly, from points in their frame; absent where it is not sure to be near
 //   why_undetermined(points, minimum, options)
 //                                 the sentence, where the points leave the shape open; the minimum in the frame
 //   convex(s), with_curvature(s, k), beside_origin(s)   the same surface described for a descent; another radius
@@ -70,55 +71,57 @@ struct Consensus {
   double tolerance_mm;
 };
 
-/// The fast way for scans that show little else than the shape: least squares of a sample, repeated without the points
-/// beyond 2.5 robust deviations. Believed only where three quarters of the sample agree with a normal scatter that is
-/// small against the shape: no other surface can have as many points.
+/// The fast way for scans that show little else than the shape: least squares of a sample, or of a few points of it,
+/// repeated without the points beyond 2.5 robust deviations. Believed only where three quarters of the sample agree with
+/// a normal scatter that is small against the shape: no other surface can have as many points.
 template <class Shape>
 std::optional<Consensus<typename Shape::Surface>> quick_consensus(const CentredPoints& points) {
   using Surface = typename Shape::Surface;
-  constexpr std::size_t kPoints = 1000, kFewest = 100;
-  constexpr int kRounds = 20;
+  constexpr std::size_t kPoints = 1000, kFewest = 100, kFew = 2 * Surface::kParameters + 4;
+  constexpr int kTries = 10, kRounds = 20;
   constexpr double kShare = 0.75;
   constexpr double kTail = 3.2;     // of the quantiles 0.9 and 0.5 of |d|: 2.44 for a normal distribution
   constexpr double kScatter = 0.1;  // of the thickness; of a plane's width
   Random random(61);
   const std::vector<Eigen::Vector3d> sample = sample_in_frame(points.framed, kPoints, random);
   if (sample.size() < kFewest) return std::nullopt;
-  const CentredPoints centre = centred(sample, {}, sample.size());
-  std::optional<Surface> surface;
-  if (const auto start = Shape::start(centre, kPoints, {})) surface = surface_in_mm(*start, centre.framed);
-  UsedBits used = all_used(sample.size());
-  Distances d;
-  double sigma = 0.0;
-  for (int round = 0; surface && round < kRounds; ++round) {
-    d = distances<Surface>(sample, *surface);
-    sigma = 1.4826 * median_size(d, all_used(sample.size()));
-    UsedBits next = within(d, 2.5 * sigma);
-    if (next == used) break;
-    used = std::move(next);
-    FramedPoints kept = as_they_are(sample);
-    kept.weights.used = used.data();
-    kept.n = static_cast<double>(count_used(used));
-    const auto minimum = gauss_newton(*surface, kept, {.max_iterations = 4, .enough = 1e-6});
-    if (minimum) surface = minimum->surface;
+  const UsedBits all = all_used(sample.size());
+  for (int attempt = 0; attempt < kTries; ++attempt) {
+    std::vector<Eigen::Vector3d> few;
+    for (std::size_t i = 0; attempt > 0 && i < kFew; ++i) few.push_back(sample[random.below(sample.size())]);
+    std::optional<Surface> surface = Shape::rough_start(attempt == 0 ? sample : few);
+    UsedBits used = all;
+    Distances d;
+    double sigma = 0.0;
+    for (int round = 0; surface && round < kRounds; ++round) {
+      d = distances<Surface>(sample, *surface);
+      sigma = 1.4826 * median_size(d, all);
+      UsedBits next = within(d, 2.5 * sigma);
+      if (next == used) break;
+      used = std::move(next);
+      FramedPoints kept = as_they_are(sample);
+      kept.weights.used = used.data();
+      kept.n = static_cast<double>(count_used(used));
+      const auto minimum = gauss_newton(*surface, kept, {.max_iterations = 4, .enough = 1e-6});
+      if (minimum) surface = Shape::convex(minimum->surface);
+    }
+    if (!surface) continue;
+    std::vector<double> sizes;
+    std::vector<Eigen::Vector3d> near;
+    for (std::size_t i = 0; i < d.size(); ++i) {
+      if (!(std::abs(d[i]) <= 3.5 * sigma)) continue;
+      sizes.push_back(std::abs(d[i]));
+      near.push_back(sample[i]);
+    }
+    if (static_cast<double>(sizes.size()) < kShare * static_cast<double>(sample.size())) continue;
+    std::sort(sizes.begin(), sizes.end());
+    if (!(sizes[sizes.size() * 9 / 10] <= kTail * sizes[sizes.size() / 2])) continue;
+    const CentredPoints kept = centred(near, {}, near.size());
+    const double size2 = kept.axes.values[Surface::kParameters > 3 ? 0 : 1] / kept.framed.n;
+    if (!(sigma <= kScatter * kept.framed.scale_mm * std::sqrt(size2))) continue;
+    return Consensus<Surface>{surface_in_mm(*surface, points.framed), 3.5 * sigma * points.framed.scale_mm};
   }
-  if (!surface) return std::nullopt;
-  std::vector<double> sizes;
-  for (const double x : d) {
-    if (std::abs(x) <= 3.5 * sigma) sizes.push_back(std::abs(x));
-  }
-  if (sizes.size() < kShare * static_cast<double>(sample.size())) return std::nullopt;
-  std::sort(sizes.begin(), sizes.end());
-  const double half = sizes[sizes.size() / 2], tail = sizes[sizes.size() * 9 / 10];
-  if (!(tail <= kTail * half)) return std::nullopt;
-  std::vector<Eigen::Vector3d> near;
-  for (std::size_t i = 0; i < d.size(); ++i) {
-    if (std::abs(d[i]) <= 3.5 * sigma) near.push_back(sample[i]);
-  }
-  const CentredPoints kept = centred(near, {}, near.size());
-  const double size2 = kept.axes.values[Surface::kParameters > 3 ? 0 : 1] / kept.framed.n;
-  if (!(sigma <= kScatter * kept.framed.scale_mm * std::sqrt(size2))) return std::nullopt;
-  return Consensus<Surface>{surface_in_mm(*surface, points.framed), 3.5 * sigma * points.framed.scale_mm};
+  return std::nullopt;
 }
 
 /// The surface that most points agree on (rejection.h, eq. 1), in mm; nullopt where none stands out from chance.

@@ -172,22 +172,33 @@ tl::expected<Minimum<CylinderSurface>, Descent> descend(Points sample, const Eig
   return minimum;
 }
 
-/// The quick way: few directions, the first descent that leaves a scatter small against the thickness of the points. So
-/// many points on so thin a shell have no second cylinder.
-std::optional<CylinderSurface> quick_start(Points sample, const CentredPoints& centre, const std::optional<double>& k) {
-  constexpr std::size_t kFewest = 30, kLow = 3;
-  constexpr double kScatter = 0.1;
-  if (sample.size() < kFewest) return std::nullopt;
+/// The quick way: few directions, the first descent that ends below `limit`, else the lowest.
+std::optional<Minimum<CylinderSurface>> quick_minimum(Points sample, const CentredPoints& centre,
+                                                      const std::optional<double>& k, double limit) {
+  constexpr std::size_t kLow = 3;
   const Moments moments = moments_of(sample);
   auto low = candidate_directions(directions(150), kLow, 0.01, centre.axes,
                                   [&](const Eigen::Matrix3d& axes) { return quick_f(axes, moments); });
   std::stable_sort(low.begin(), low.end(), [](const Candidate& a, const Candidate& b) { return a.f < b.f; });
-  const double limit = kScatter * kScatter * centre.plane_f();
+  std::optional<Minimum<CylinderSurface>> best;
   for (std::size_t i = 0; i < std::min(low.size(), kLow); ++i) {
     const auto minimum = descend(sample, low[i].direction, k, 1e-7);
-    if (minimum && minimum->f < limit) return minimum->surface;
+    if (minimum && (!best || minimum->f < best->f)) best = *minimum;
+    if (best && best->f < limit) break;
   }
-  return std::nullopt;
+  return best;
+}
+
+/// Believed where it leaves a scatter small against the thickness of the points: so many points on so thin a shell have
+/// no second cylinder.
+std::optional<CylinderSurface> quick_start(Points sample, const CentredPoints& centre, const std::optional<double>& k) {
+  constexpr std::size_t kFewest = 30;
+  constexpr double kScatter = 0.1;
+  if (sample.size() < kFewest) return std::nullopt;
+  const double limit = kScatter * kScatter * centre.plane_f();
+  const auto minimum = quick_minimum(sample, centre, k, limit);
+  if (!minimum || !(minimum->f < limit)) return std::nullopt;
+  return minimum->surface;
 }
 
 bool is_distinct(const CylinderSurface& a, const CylinderSurface& b) {
@@ -273,6 +284,13 @@ struct CylinderShape {
     return thorough_start(sample, centre, k);
   }
 
+  static std::optional<CylinderSurface> rough_start(Points points) {
+    const CentredPoints centre = centred(points, {}, points.size());
+    const auto minimum = quick_minimum(points, centre, std::nullopt, 0.01 * centre.plane_f());
+    if (!minimum) return std::nullopt;
+    return minimum->surface;
+  }
+
   static std::string why_undetermined(const CentredPoints& points, const Minimum<CylinderSurface>& minimum,
                                       const FitOptions& options) {
     const double n = points.framed.n, plane_f = points.axes.values[0], scale_mm = points.framed.scale_mm;
@@ -335,7 +353,7 @@ struct CylinderShape {
 }  // namespace
 
 Result<CylinderFit> fit_cylinder(Points points_mm, const FitOptions& options) {
-  const auto found = associate<CylinderShape>(points_mm, options);
+  auto found = associate<CylinderShape>(points_mm, options);
   if (!found) return tl::unexpected(found.error());
   const CylinderSurface& cylinder = found->minimum.surface;
   const double r = 1.0 / cylinder.k;
@@ -349,7 +367,8 @@ Result<CylinderFit> fit_cylinder(Points points_mm, const FitOptions& options) {
   out.u_axis_point_mm = worse_uncertainty<5>(along_n, r * VectorN<5>::Unit(1), found->covariance);
   out.u_axis_direction_rad = worse_uncertainty<5>(VectorN<5>::Unit(2), VectorN<5>::Unit(3), found->covariance);
   out.u_diameter_mm = standard_uncertainty<5>(2.0 * r * r * VectorN<5>::Unit(4), found->covariance);
-  out.quality = found->quality;
+  out.amplification = r * r * std::sqrt(found->minimum.inverse_jtj(4, 4) * static_cast<double>(found->quality.n_used));
+  out.quality = std::move(found->quality);
   return out;
 }
 

@@ -103,6 +103,9 @@ struct SphereFit {
   double diameter_mm = 0;
   Eigen::Vector3d u_center_mm;
   double u_diameter_mm = 0;
+  /// u_diameter_mm in units of what as many points all over the sphere would give, 2 s / sqrt(n): 1 for a whole sphere,
+  /// 4 for a hemisphere, thousands for a small cap, which amplifies every error of its points, known or not, so much.
+  double amplification = 0;
   FitQuality quality;
 };
 
@@ -113,6 +116,7 @@ struct CylinderFit {
   double u_axis_point_mm = 0;       // across the axis, in the worse of the two directions
   double u_axis_direction_rad = 0;  // in the worse of the two directions
   double u_diameter_mm = 0;
+  double amplification = 0;  // as SphereFit's: 1 all around, more for a sector
   FitQuality quality;
 };
 

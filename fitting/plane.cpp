@@ -39,6 +39,10 @@ struct PlaneShape {
     out.axes.col(1) = out.axes.col(2).cross(out.axes.col(0));
     return out;
   }
+  static std::optional<PlaneSurface> rough_start(Points points) {
+    const CentredPoints centre = centred(points, {}, points.size());
+    return surface_in_mm(*start(centre, points.size(), {}), centre.framed);
+  }
   static std::string why_undetermined(const CentredPoints&, const Minimum<PlaneSurface>&, const FitOptions&) {
     return {};
   }
@@ -63,7 +67,7 @@ struct PlaneShape {
 }  // namespace
 
 Result<PlaneFit> fit_plane(Points points_mm, const FitOptions& options) {
-  const auto found = associate<PlaneShape>(points_mm, options);
+  auto found = associate<PlaneShape>(points_mm, options);
   if (!found) return tl::unexpected(found.error());
   const PlaneSurface& plane = found->minimum.surface;
   PlaneFit out;
@@ -72,7 +76,7 @@ Result<PlaneFit> fit_plane(Points points_mm, const FitOptions& options) {
   out.normal = largest_positive(plane.axes.col(2));
   out.u_offset_mm = standard_uncertainty<3>(VectorN<3>::Unit(0), found->covariance);
   out.u_tilt_rad = worse_uncertainty<3>(VectorN<3>::Unit(1), VectorN<3>::Unit(2), found->covariance);
-  out.quality = found->quality;
+  out.quality = std::move(found->quality);
   if (out.normal.dot(plane.axes.col(2)) < 0.0) {
     for (double& d : out.quality.distances_mm) d = -d;
     out.quality.max_mm = -std::exchange(out.quality.min_mm, -out.quality.max_mm);

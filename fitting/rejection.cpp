@@ -120,9 +120,18 @@ double median_size(std::span<const double> distances_mm, const UsedBits& used) {
   constexpr int kShift = 48;
   constexpr std::uint64_t kSign = std::uint64_t{1} << 63;
   const auto bin_of = [](double d) { return (std::bit_cast<std::uint64_t>(d) & ~kSign) >> kShift; };
-  std::vector<std::uint32_t> counts(std::size_t{1} << 15);
   const std::size_t n = count_used(used);
   require(n > 0, "a median is taken of some points");
+  if (n < 50000) {
+    std::vector<double> sizes;
+    sizes.reserve(n);
+    for (std::size_t i = 0; i < distances_mm.size(); ++i) {
+      if (is_used(used, i)) sizes.push_back(std::abs(distances_mm[i]));
+    }
+    std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(n / 2), sizes.end());
+    return sizes[n / 2];
+  }
+  std::vector<std::uint32_t> counts(std::size_t{1} << 15);
   for (std::size_t i = 0; i < distances_mm.size(); ++i) counts[bin_of(distances_mm[i])] += is_used(used, i) ? 1u : 0u;
   std::size_t before = 0, bin = 0;
   while (before + counts[bin] <= n / 2) before += counts[bin++];

@@ -58,6 +58,14 @@ struct SphereShape {
     return minimum ? minimum->surface : *found;
   }
 
+  static std::optional<SphereSurface> rough_start(Points points) {
+    const auto found = algebraic_sphere(points);
+    if (!found) return std::nullopt;
+    const auto minimum =
+        gauss_newton(fitting::convex(*found), as_they_are(points), {.max_iterations = 10, .enough = 1e-4});
+    return fitting::convex(minimum ? minimum->surface : *found);
+  }
+
   static std::string why_undetermined(const CentredPoints& points, const Minimum<SphereSurface>& minimum,
                                       const FitOptions& options) {
     const double n = points.framed.n, plane_f = points.axes.values[0], scale_mm = points.framed.scale_mm;
@@ -119,7 +127,7 @@ struct SphereShape {
 }  // namespace
 
 Result<SphereFit> fit_sphere(Points points_mm, const FitOptions& options) {
-  const auto found = associate<SphereShape>(points_mm, options);
+  auto found = associate<SphereShape>(points_mm, options);
   if (!found) return tl::unexpected(found.error());
   const SphereSurface& sphere = found->minimum.surface;
   const double r = 1.0 / sphere.k;
@@ -132,7 +140,8 @@ Result<SphereFit> fit_sphere(Points points_mm, const FitOptions& options) {
   for (int c = 0; c < 3; ++c)
     out.u_center_mm[c] = standard_uncertainty<4>(gradient.row(c).transpose(), found->covariance);
   out.u_diameter_mm = standard_uncertainty<4>(2.0 * r * r * VectorN<4>::Unit(3), found->covariance);
-  out.quality = found->quality;
+  out.amplification = r * r * std::sqrt(found->minimum.inverse_jtj(3, 3) * static_cast<double>(found->quality.n_used));
+  out.quality = std::move(found->quality);
   return out;
 }
 

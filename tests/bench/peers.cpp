@@ -185,7 +185,17 @@ Answer by_pcl(Shape shape, const Cloud& cloud, const Answer& s, bool has_outlier
 }
 #endif
 
-bool has_scipy() { return std::system("python3 -c 'import scipy.optimize' >/dev/null 2>&1") == 0; }
+/// The python that has scipy, or empty.
+const std::string& python() {
+  static const std::string found = [] {
+    for (const char* name : {"python3", "/usr/bin/python3"}) {
+      if (std::system(fmt::format("{} -c 'import scipy.optimize' >/dev/null 2>&1", name).c_str()) == 0)
+        return std::string(name);
+    }
+    return std::string();
+  }();
+  return found;
+}
 
 /// scipy.optimize.least_squares with arrays and an analytic Jacobian, in a process of its own that takes the time itself.
 Answer by_scipy(Shape shape, const Cloud& cloud, const Answer& s, bool has_outliers, double* ms) {
@@ -196,9 +206,9 @@ Answer by_scipy(Shape shape, const Cloud& cloud, const Answer& s, bool has_outli
               static_cast<std::streamsize>(cloud.size() * sizeof(cloud[0])));
   }
   const std::string command = fmt::format(
-      "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python3 {}/tests/bench/scipy_peer.py {} {} {} {} {} {} {} {} {} {}",
-      FRINGECAL_SOURCE_DIR, name_of(shape), file.string(), has_outliers ? 1 : 0, s.place.x(), s.place.y(), s.place.z(),
-      s.direction.x(), s.direction.y(), s.direction.z(), s.radius);
+      "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 {} {}/tests/bench/scipy_peer.py {} {} {} {} {} {} {} {} {} {}",
+      python(), FRINGECAL_SOURCE_DIR, name_of(shape), file.string(), has_outliers ? 1 : 0, s.place.x(), s.place.y(),
+      s.place.z(), s.direction.x(), s.direction.y(), s.direction.z(), s.radius);
   std::string text;
   if (FILE* pipe = popen(command.c_str(), "r")) {
     char line[1024];
@@ -242,7 +252,7 @@ Answer disturbed(Shape shape) {
 
 std::vector<Peer> peers(Shape shape, bool has_outliers) {
   static double scipy_ms = 0;
-  static const bool scipy = has_scipy();
+  const bool scipy = !python().empty();
   std::vector<Peer> out;
   if (shape == Shape::plane && !has_outliers) out.push_back({"CGAL linear_least_squares_fitting_3", plane_by_cgal});
   if (shape != Shape::plane) {
@@ -266,7 +276,7 @@ std::string peers_left_out() {
 #ifndef FRINGECAL_HAVE_PCL
   out += "  PCL is not installed (libpcl-dev): left out\n";
 #endif
-  if (!has_scipy()) out += "  scipy is not installed (python3-scipy): left out\n";
+  if (python().empty()) out += "  scipy is not installed (python3-scipy): left out\n";
   return out;
 }
 
