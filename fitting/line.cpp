@@ -1,5 +1,7 @@
 #include "fitting/associate.h"
 
+#include <Eigen/Geometry>
+
 namespace fringecal::fitting {
 
 Result<LineFit> fit_line(Points points_mm) {

@@ -98,7 +98,7 @@ Result<ResidualNoise> noise_of(std::span<const GridResidual> residuals, int para
     out.reach_px = L;
     out.inflation = std::sqrt(S);
     out.n_effective = n / S;
-    if (L >= 6.0 * std::sqrt(S / std::numbers::pi)) return out;
+    if (L >= 2.2 * std::sqrt(S / std::numbers::pi)) return out;
   }
   out.kind = ResidualKind::form;
   out.n_effective = 1.0;

@@ -6,7 +6,8 @@
 //   n_effective = n / S                                                                                        (2)
 // independent ones [Bartlett1946], and so are they for every parameter whose row of the Jacobian hardly changes over the
 // length of the correlation: u becomes u sqrt(S). The sum runs over |h|, |v| <= L with the smallest L that is at least
-// 6 sqrt(S / pi), three radii of a disc of the area S (a sum over all lags is zero for residuals, whatever the noise).
+// 2.2 sqrt(S / pi): there a Gaussian blur's rho, exp(-r^2 / (4 sigma^2)) with S = 4 pi sigma^2, is below 0.01; more lags
+// would add scatter only (and the sum over all of them is zero for residuals, whatever the noise).
 // The m parameters took their share of each rho, m S / n; it is given back:
 //   S = S_L / (1 - (2 L + 1)^2 m / n)                                                                          (3)
 // Whiteness: z = rho1 sqrt(number of pairs), rho1 over neighbours in a row and in a column; white noise has z ~ N(0, 1).

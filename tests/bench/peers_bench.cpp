@@ -6,7 +6,7 @@
 #include "tests/bench/peers.h"
 
 #include <fmt/format.h>
-#include <sys/resource.h>
+#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <chrono>

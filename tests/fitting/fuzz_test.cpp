@@ -3,7 +3,9 @@
 #include "tests/fitting/synthetic.h"
 
 #include "fitting/fit.h"
+#include "fitting/surface.h"
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <chrono>
@@ -69,75 +71,86 @@ double worst_cosine(const std::vector<Eigen::VectorXd>& columns, const Eigen::Ve
 // them by 1e-4 of their size, F by 1e-8.
 constexpr double kCosine = 1e-4;
 
+/// What is wrong with a fit; empty: nothing.
 template <class Fit, class Columns>
-void expect_stationary(const Cloud& cloud, const Fit& fit, double size, const Columns& columns_of) {
+std::string why_not_stationary(const Cloud& cloud, const Fit& fit, double size, const Columns& columns_of) {
   const auto n = static_cast<Eigen::Index>(cloud.size());
   Eigen::VectorXd d(n);
   double largest = size;
   for (Eigen::Index i = 0; i < n; ++i) {
     d[i] = distance_to(fit, cloud[static_cast<std::size_t>(i)]);
     largest = std::max(largest, cloud[static_cast<std::size_t>(i)].cwiseAbs().maxCoeff());
-    ASSERT_TRUE(std::isfinite(d[i]));
+    if (!std::isfinite(d[i])) return "a distance is not finite";
   }
   const double floor = 1e4 * std::numeric_limits<double>::epsilon() * largest * std::sqrt(static_cast<double>(n));
-  EXPECT_LT(worst_cosine(columns_of(), d, floor), kCosine)
-      << "n " << n << ", size " << size << ", largest " << largest << ", rms " << d.norm();
+  const double cosine = worst_cosine(columns_of(), d, floor);
+  if (cosine < kCosine) return {};
+  return fmt::format("cosine {:.1e}, {} points, size {:.3g}, largest {:.3g}, |d| {:.3g}, floor {:.3g}", cosine, n, size,
+                     largest, d.norm(), floor);
 }
 
-void check(const Cloud& cloud, Rejection rejection) {
+std::string problem_of(const Cloud& cloud, Rejection rejection) {
   const auto n = static_cast<Eigen::Index>(cloud.size());
   const auto plane = fit_plane(cloud, {.rejection = rejection});
   const auto sphere = fit_sphere(cloud, {.rejection = rejection});
   const auto cylinder = fit_cylinder(cloud, {.rejection = rejection});
   const auto line = fit_line(cloud);
   const auto circle = fit_circle(cloud);
-  if (line) EXPECT_TRUE(std::isfinite(line->quality.rms_mm) && line->direction.allFinite());
-  if (circle) EXPECT_TRUE(std::isfinite(circle->quality.rms_mm) && std::isfinite(circle->diameter_mm));
-  if (rejection != Rejection::none) return;
+  if (line && !(std::isfinite(line->quality.rms_mm) && line->direction.allFinite())) return "line: not finite";
+  if (circle && !(std::isfinite(circle->quality.rms_mm) && std::isfinite(circle->diameter_mm)))
+    return "circle: not finite";
+  if (rejection != Rejection::none) return {};
   if (plane) {
-    expect_stationary(cloud, *plane, 0.0, [&] {
-      std::vector<Eigen::VectorXd> columns(4, Eigen::VectorXd::Ones(n));
+    std::string why = why_not_stationary(cloud, *plane, 0.0, [&] {
+      std::vector<Eigen::VectorXd> columns(3, Eigen::VectorXd::Ones(n));
+      const Eigen::Matrix3d axes = axes_with(plane->normal, 2);
       for (Eigen::Index i = 0; i < n; ++i) {
         const Eigen::Vector3d u = cloud[static_cast<std::size_t>(i)] - plane->point_mm;
-        const Eigen::Vector3d across = u - u.dot(plane->normal) * plane->normal;
-        for (Eigen::Index c = 0; c < 3; ++c) columns[static_cast<std::size_t>(c) + 1][i] = across[c];
+        for (Eigen::Index c = 0; c < 2; ++c) columns[static_cast<std::size_t>(c) + 1][i] = axes.col(c).dot(u);
       }
       return columns;
     });
+    if (!why.empty()) return "plane: " + why;
   }
   if (sphere) {
-    ASSERT_TRUE(sphere->diameter_mm > 0.0 && std::isfinite(sphere->diameter_mm));
-    expect_stationary(cloud, *sphere, sphere->center_mm.cwiseAbs().maxCoeff() + sphere->diameter_mm, [&] {
-      std::vector<Eigen::VectorXd> columns(4, Eigen::VectorXd::Ones(n));
-      for (Eigen::Index i = 0; i < n; ++i) {
-        const Eigen::Vector3d u = (cloud[static_cast<std::size_t>(i)] - sphere->center_mm).normalized();
-        for (Eigen::Index c = 0; c < 3; ++c) columns[static_cast<std::size_t>(c) + 1][i] = u[c];
-      }
-      return columns;
-    });
+    if (!(sphere->diameter_mm > 0.0 && std::isfinite(sphere->diameter_mm))) return "sphere: no diameter";
+    std::string why =
+        why_not_stationary(cloud, *sphere, sphere->center_mm.cwiseAbs().maxCoeff() + sphere->diameter_mm, [&] {
+          std::vector<Eigen::VectorXd> columns(4, Eigen::VectorXd::Ones(n));
+          for (Eigen::Index i = 0; i < n; ++i) {
+            const Eigen::Vector3d u = (cloud[static_cast<std::size_t>(i)] - sphere->center_mm).normalized();
+            for (Eigen::Index c = 0; c < 3; ++c) columns[static_cast<std::size_t>(c) + 1][i] = u[c];
+          }
+          return columns;
+        });
+    if (!why.empty()) return "sphere: " + why;
   }
   if (cylinder) {
-    ASSERT_TRUE(cylinder->diameter_mm > 0.0 && std::isfinite(cylinder->diameter_mm));
-    expect_stationary(cloud, *cylinder, cylinder->axis_point_mm.cwiseAbs().maxCoeff() + cylinder->diameter_mm, [&] {
-      std::vector<Eigen::VectorXd> columns(7, Eigen::VectorXd::Ones(n));
-      for (Eigen::Index i = 0; i < n; ++i) {
-        const Eigen::Vector3d v = cloud[static_cast<std::size_t>(i)] - cylinder->axis_point_mm;
-        const double t = v.dot(cylinder->axis_direction);
-        const Eigen::Vector3d u = (v - t * cylinder->axis_direction).normalized();
-        for (Eigen::Index c = 0; c < 3; ++c) {
-          columns[static_cast<std::size_t>(c) + 1][i] = u[c];
-          columns[static_cast<std::size_t>(c) + 4][i] = t * u[c];
-        }
-      }
-      return columns;
-    });
+    if (!(cylinder->diameter_mm > 0.0 && std::isfinite(cylinder->diameter_mm))) return "cylinder: no diameter";
+    std::string why = why_not_stationary(
+        cloud, *cylinder, cylinder->axis_point_mm.cwiseAbs().maxCoeff() + cylinder->diameter_mm, [&] {
+          std::vector<Eigen::VectorXd> columns(5, Eigen::VectorXd::Ones(n));
+          const Eigen::Matrix3d axes = axes_with(cylinder->axis_direction, 2);
+          for (Eigen::Index i = 0; i < n; ++i) {
+            const Eigen::Vector3d v = cloud[static_cast<std::size_t>(i)] - cylinder->axis_point_mm;
+            const Eigen::Vector2d u = (axes.leftCols<2>().transpose() * v).normalized();
+            for (Eigen::Index c = 0; c < 2; ++c) {
+              columns[static_cast<std::size_t>(c) + 1][i] = u[c];
+              columns[static_cast<std::size_t>(c) + 3][i] = axes.col(2).dot(v) * u[c];
+            }
+          }
+          return columns;
+        });
+    if (!why.empty()) return "cylinder: " + why;
   }
+  return {};
 }
 
 TEST(FitAll, ReturnStationaryPointsOrReasonsForRandomInputs) {
   const char* set = std::getenv("FRINGECAL_LONG");
   const int inputs = set && std::string(set) == "1" ? 1000000 : 10000;
   double longest_s = 0.0;
+  int failures = 0;
   for (int i = 0; i < inputs; ++i) {
     Random random(1000003ull * static_cast<std::uint64_t>(i) + 17);
     const Cloud cloud = random_cloud(random);
@@ -145,14 +158,12 @@ TEST(FitAll, ReturnStationaryPointsOrReasonsForRandomInputs) {
                                 : random.below(20) == 0 ? Rejection::vdi_2634
                                                         : Rejection::none;
     const auto start = std::chrono::steady_clock::now();
-    check(cloud, rejection);
+    const std::string problem = problem_of(cloud, rejection);
     longest_s = std::max(longest_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
-    if (HasFailure()) {
-      ADD_FAILURE() << "input " << i << " of " << cloud.size() << " points";
-      break;
-    }
+    if (problem.empty()) continue;
+    if (++failures <= 10) ADD_FAILURE() << "input " << i << ": " << problem;
   }
-  std::printf("%d inputs, the longest took %.3f s for five fits\n", inputs, longest_s);
+  std::printf("%d inputs, %d problems, the longest took %.3f s for five fits\n", inputs, failures, longest_s);
   EXPECT_LT(longest_s, 1.0);  // the requirement, for one fit
 }
 
