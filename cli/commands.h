@@ -13,6 +13,8 @@ void add_calibrate(CLI::App& app);
 void add_align(CLI::App& app);
 void add_measure(CLI::App& app);
 void add_fit(CLI::App& app);
+void add_find(CLI::App& app);
+void add_check_fits(CLI::App& app);
 void add_render(CLI::App& app);
 void add_commission(CLI::App& app);
 void add_capture(CLI::App& app);

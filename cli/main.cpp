@@ -33,6 +33,8 @@ int main(int argc, char** argv) {
   cli::add_check(app);
   cli::add_report(app);
   cli::add_dcc(app);
+  cli::add_find(app);
+  cli::add_check_fits(app);
   cli::add_import(app);
   cli::add_decode(app);
   cli::add_capture(app);

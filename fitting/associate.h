@@ -1,11 +1,17 @@
 // The common way of fit_plane, fit_sphere and fit_cylinder: check the points, solve, reject, solve again, describe.
 //
 // A Shape has
-//   Surface                                  (surface.h)
-//   kName                                    for messages
-//   solve(points_mm, max_iterations, start)  the minimum of F in mm, without a guess where start is absent
-//   propose(sample, random)                  a surface through few points of a normalised sample
-//   is_round(points, surface)                whether the points show the surface's curvature at all
+//   Surface                       (surface.h)
+//   kName                         for messages
+//   why_flat(points)              the sentence, where the points lie in one plane (or line)
+//   start(points, most, options)  a surface near the minimum, in the points' frame, without a guess, from at most `most`
+//                                 points; or the sentence
+//   rough_start(points)           the same, quickly, from points in their frame; absent where it is not sure to be near
+//   why_undetermined(points, minimum, options)
+//                                 the sentence, where the points leave the shape open; the minimum in the frame
+//   convex(s), with_curvature(s, k), beside_origin(s)   the same surface described for a descent; another radius
+//   propose(sample, random)       a surface through few points of a sample
+//   is_round(points, surface)     whether the points show the surface's curvature at all
 #pragma once
 
 #include "fitting/least_squares.h"
@@ -23,58 +29,116 @@ template <class Surface>
 struct Associated {
   Minimum<Surface> minimum;  // in mm
   FitQuality quality;
-  /// Covariance of the surface's parameters: s^2 (J^T J)^-1.
+  /// Covariance of the surface's parameters: s^2 (J^T J)^-1, or (J^T W J)^-1 with the points' covariances.
   MatrixN<Surface::kParameters> covariance;
 };
 
 /// Distances of all points from a surface.
 template <class Surface>
-std::vector<double> distances(Points points, const Surface& surface) {
-  std::vector<double> out;
-  out.reserve(points.size());
-  for (const Eigen::Vector3d& p : points) out.push_back(surface.distance(p));
-  return out;
-}
-
-inline std::vector<Eigen::Vector3d> without(Points points, const std::vector<bool>& rejected) {
-  std::vector<Eigen::Vector3d> out;
-  out.reserve(points.size());
-  for (std::size_t i = 0; i < points.size(); ++i) {
-    if (!rejected[i]) out.push_back(points[i]);
-  }
+Distances distances(Points points, const Surface& surface) {
+  Distances out(points.size());
+  normal_equations(surface, as_they_are(points), out.data());
   return out;
 }
 
 /// s of the header of fit.h; infinite where there are only as many points as parameters.
-inline double standard_deviation(double f, std::size_t n, int parameters) {
-  const double freedom = static_cast<double>(n) - parameters;
+inline double standard_deviation(double f, double n, int parameters) {
+  const double freedom = n - parameters;
   return freedom > 0.0 ? std::sqrt(f / freedom) : std::numeric_limits<double>::infinity();
 }
 
-/// A minimum in normalised lengths as one in mm. units: what one of each parameter is in the normalised frame.
+/// The frame's points, as a sample for the searches that need few.
+inline std::vector<Eigen::Vector3d> sample_in_frame(const FramedPoints& framed, std::size_t count, Random& random) {
+  std::vector<Eigen::Vector3d> out = spread_sample(framed.points_mm, framed.weights, count, random);
+  for (Eigen::Vector3d& p : out) p = framed.in_frame(p);
+  return out;
+}
+
+/// A surface of the frame's lengths in mm, and back.
 template <class Surface>
-Minimum<Surface> in_mm(const Minimum<Surface>& minimum, const Normalised& frame,
-                       const VectorN<Surface::kParameters>& units) {
-  const double s2 = frame.scale_mm * frame.scale_mm;
-  return {minimum.surface.transformed(frame.scale_mm, frame.origin_mm),
-          units.asDiagonal() * minimum.inverse_jtj * units.asDiagonal() / s2, minimum.f * s2, minimum.iterations};
+Surface surface_in_mm(const Surface& surface, const FramedPoints& framed) {
+  return surface.transformed(framed.scale_mm, framed.origin_mm);
+}
+template <class Surface>
+Surface surface_in_frame(const Surface& surface_mm, const FramedPoints& framed) {
+  return surface_mm.transformed(1.0 / framed.scale_mm, -framed.origin_mm / framed.scale_mm);
+}
+
+/// What a consensus gives: the surface, and how near to it a point belongs to it. In mm.
+template <class Surface>
+struct Consensus {
+  Surface surface;
+  double tolerance_mm;
+};
+
+/// The fast way for scans that show little else than the shape: least squares of a sample, or of a few points of it,
+/// repeated without the points beyond 2.5 robust deviations. Believed only where three quarters of the sample agree with
+/// a normal scatter that is small against the shape: no other surface can have as many points.
+template <class Shape>
+std::optional<Consensus<typename Shape::Surface>> quick_consensus(const CentredPoints& points) {
+  using Surface = typename Shape::Surface;
+  constexpr std::size_t kPoints = 1000, kFewest = 100, kFew = 2 * Surface::kParameters + 4;
+  constexpr int kTries = 10, kRounds = 20;
+  constexpr double kShare = 0.75;
+  constexpr double kTail = 3.2;     // of the quantiles 0.9 and 0.5 of |d|: 2.44 for a normal distribution
+  constexpr double kScatter = 0.1;  // of the thickness; of a plane's width
+  Random random(61);
+  const std::vector<Eigen::Vector3d> sample = sample_in_frame(points.framed, kPoints, random);
+  if (sample.size() < kFewest) return std::nullopt;
+  const UsedBits all = all_used(sample.size());
+  for (int attempt = 0; attempt < kTries; ++attempt) {
+    std::vector<Eigen::Vector3d> few;
+    for (std::size_t i = 0; attempt > 0 && i < kFew; ++i) few.push_back(sample[random.below(sample.size())]);
+    std::optional<Surface> surface = Shape::rough_start(attempt == 0 ? sample : few);
+    UsedBits used = all;
+    Distances d;
+    double sigma = 0.0;
+    for (int round = 0; surface && round < kRounds; ++round) {
+      d = distances<Surface>(sample, *surface);
+      sigma = 1.4826 * median_size(d, all);
+      UsedBits next = within(d, 2.5 * sigma);
+      if (next == used) break;
+      used = std::move(next);
+      FramedPoints kept = as_they_are(sample);
+      kept.weights.used = used.data();
+      kept.n = static_cast<double>(count_used(used));
+      const auto minimum = gauss_newton(*surface, kept, {.max_iterations = 4, .enough = 1e-6});
+      if (minimum) surface = Shape::convex(minimum->surface);
+    }
+    if (!surface) continue;
+    std::vector<double> sizes;
+    std::vector<Eigen::Vector3d> near;
+    for (std::size_t i = 0; i < d.size(); ++i) {
+      if (!(std::abs(d[i]) <= 3.5 * sigma)) continue;
+      sizes.push_back(std::abs(d[i]));
+      near.push_back(sample[i]);
+    }
+    if (static_cast<double>(sizes.size()) < kShare * static_cast<double>(sample.size())) continue;
+    std::sort(sizes.begin(), sizes.end());
+    if (!(sizes[sizes.size() * 9 / 10] <= kTail * sizes[sizes.size() / 2])) continue;
+    const CentredPoints kept = centred(near, {}, near.size());
+    const double size2 = kept.axes.values[Surface::kParameters > 3 ? 0 : 1] / kept.framed.n;
+    if (!(sigma <= kScatter * kept.framed.scale_mm * std::sqrt(size2))) continue;
+    return Consensus<Surface>{surface_in_mm(*surface, points.framed), 3.5 * sigma * points.framed.scale_mm};
+  }
+  return std::nullopt;
 }
 
 /// The surface that most points agree on (rejection.h, eq. 1), in mm; nullopt where none stands out from chance.
 template <class Shape>
-std::optional<std::pair<typename Shape::Surface, double>> consensus(Points points_mm) {
+std::optional<Consensus<typename Shape::Surface>> consensus(const CentredPoints& points) {
   using Surface = typename Shape::Surface;
+  constexpr std::size_t kPoints = 2000;  // the search costs points x proposals; normals cost points squared
   constexpr int kProposals = 3000, kRefinements = 6;
-  const Normalised frame = normalise(points_mm);
   Random random(2634);
-  const Sample sample = make_sample(frame.points, random);
+  const Sample sample = make_sample(sample_in_frame(points.framed, kPoints, random));
   if (sample.points.size() < static_cast<std::size_t>(Surface::kParameters) + 1) return std::nullopt;
   std::optional<Surface> best;
   Support best_support, best_proposed;
   for (int proposal = 0; proposal < kProposals; ++proposal) {
     std::optional<Surface> candidate = Shape::propose(sample, random);
     if (!candidate) continue;
-    std::vector<double> d = distances(sample.points, *candidate);
+    Distances d = distances<Surface>(sample.points, *candidate);
     Support found = support(d, Surface::kParameters);
     // A proposal through few points is rougher than what it stands for, so each that leads the proposals is refined.
     if (!(found.log_nfa < best_proposed.log_nfa)) continue;
@@ -89,9 +153,9 @@ std::optional<std::pair<typename Shape::Surface, double>> consensus(Points point
         best = candidate;
         best_support = found;
       }
-      const auto minimum = gauss_newton(*candidate, near, 20);
+      const auto minimum = gauss_newton(*candidate, as_they_are(near), {.max_iterations = 20});
       if (!minimum) break;
-      d = distances(sample.points, minimum->surface);
+      d = distances<Surface>(sample.points, minimum->surface);
       const Support again = support(d, Surface::kParameters);
       if (!(again.log_nfa < found.log_nfa)) break;
       candidate = minimum->surface;
@@ -99,69 +163,179 @@ std::optional<std::pair<typename Shape::Surface, double>> consensus(Points point
     }
   }
   if (!best) return std::nullopt;
-  return std::pair(best->transformed(frame.scale_mm, frame.origin_mm), 2.0 * best_support.tolerance * frame.scale_mm);
+  return Consensus<Surface>{surface_in_mm(*best, points.framed), 2.0 * best_support.tolerance * points.framed.scale_mm};
+}
+
+/// Eq. 6 of fit.h: weights of mean one, and the variance that a weight of one stands for. Empty where a covariance is
+/// not positive along its normal.
+struct NormalWeights {
+  std::vector<double> weights;
+  double variance_mm2 = 1.0;
+};
+template <class Surface>
+NormalWeights normal_weights(Points points_mm, std::span<const Eigen::Matrix3d> covariances_mm2, const UsedBits& used,
+                             const Surface& surface) {
+  NormalWeights out;
+  out.weights.reserve(points_mm.size());
+  double sum = 0.0, n = 0.0;
+  for (std::size_t i = 0; i < points_mm.size(); ++i) {
+    const Eigen::Vector3d normal = surface.normal(points_mm[i]);
+    const double variance = normal.dot(covariances_mm2[i] * normal);
+    if (!(variance > 0.0 && variance < 1e200)) return {};
+    out.weights.push_back(1.0 / variance);
+    if (!used.empty() && !is_used(used, i)) continue;
+    sum += out.weights.back();
+    n += 1.0;
+  }
+  out.variance_mm2 = n / sum;
+  for (double& w : out.weights) w *= out.variance_mm2;
+  return out;
+}
+
+/// The minimum over the points used, in mm. start_mm: absent, a start is found.
+template <class Shape>
+Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, const FitOptions& options,
+                                               const std::optional<typename Shape::Surface>& start_mm,
+                                               double* distances_mm) {
+  using Surface = typename Shape::Surface;
+  constexpr int M = Surface::kParameters;
+  const FramedPoints& framed = points.framed;
+  // Enough to come near; where they happen not to determine the shape, more.
+  const std::size_t few = std::clamp<std::size_t>(static_cast<std::size_t>(framed.n) / 50, 300, 3000), many = 20000;
+  if (std::string why = Shape::why_flat(points); !why.empty()) return unanswerable(std::move(why));
+  DescentOptions descent{.max_iterations = options.max_iterations,
+                         .hold_curvature = options.fixed_diameter_mm && M > 3,
+                         .distances_mm = distances_mm,
+                         .start_is_close = M == 3 && points.axes.values[1] > 1e-4 * points.axes.values[2]};
+  const auto descend = [&](const Surface& start) {
+    Surface from = Shape::convex(start);
+    if (descent.hold_curvature) from = Shape::with_curvature(from, 2.0 * framed.scale_mm / *options.fixed_diameter_mm);
+    return gauss_newton(Shape::beside_origin(from), framed, descent);
+  };
+  tl::expected<Minimum<Surface>, Descent> minimum = tl::unexpected(Descent::singular);
+  if (start_mm) minimum = descend(surface_in_frame(*start_mm, framed));
+  std::string why;
+  for (const std::size_t most : {few, many}) {
+    if (minimum || (most == many && !(framed.n > static_cast<double>(few)))) break;
+    const auto start = Shape::start(points, most, options);
+    if (start) {
+      minimum = descend(*start);
+    } else {
+      why = start.error().sentence;
+    }
+  }
+  if (!minimum && !why.empty()) return unanswerable(std::move(why));
+  if (!minimum) return unanswerable(why_no_minimum(minimum.error(), Shape::kName, options.max_iterations));
+  minimum->surface = Shape::beside_origin(Shape::convex(minimum->surface));
+  why = Shape::why_undetermined(points, *minimum, options);
+  if (!why.empty()) return unanswerable(std::move(why));
+  // Lengths among the parameters: the shift along the normal, and the curvature.
+  VectorN<M> units = VectorN<M>::Ones();
+  units[0] = framed.scale_mm;
+  if (M > 3) units[M - 1] = 1.0 / framed.scale_mm;
+  minimum->surface = surface_in_mm(minimum->surface, framed);
+  minimum->inverse_jtj = units.asDiagonal() * minimum->inverse_jtj * units.asDiagonal();
+  minimum->inverse_jtj /= framed.scale_mm * framed.scale_mm;
+  minimum->f *= framed.scale_mm * framed.scale_mm;
+  return *minimum;
 }
 
 template <class Shape>
 Result<Associated<typename Shape::Surface>> associate(Points points_mm, const FitOptions& options) {
   using Surface = typename Shape::Surface;
-  constexpr int M = Surface::kParameters;
-  constexpr int kRounds = 60;  // of rejection; 5 to 20 are usual
-  if (std::string why = why_unusable(points_mm, M, Shape::kName); !why.empty()) return unanswerable(std::move(why));
+  constexpr int kRounds = 60;    // of rejection; 5 to 20 are usual
+  constexpr int kReweights = 8;  // the weights depend on the normals alone, which hardly move
+  const int m = Surface::kParameters - (options.fixed_diameter_mm && Surface::kParameters > 3 ? 1 : 0);
+  const std::size_t n = points_mm.size();
+  const bool has_covariances = !options.covariances_mm2.empty();
+  require(!has_covariances || options.covariances_mm2.size() == n, "there is one covariance per point");
+  require(!options.fixed_diameter_mm || *options.fixed_diameter_mm > 0.0, "a diameter that is held is positive");
+  if (std::string why = why_too_few(n, m, Shape::kName); !why.empty()) return unanswerable(std::move(why));
 
-  std::vector<bool> rejected(points_mm.size());
+  CentredPoints points = centred(points_mm, {}, n);
+  if (!points.finite) return unanswerable(why_not_finite(points_mm));
+  const double rounding_mm = 16.0 * points.rounding * points.framed.scale_mm;
+  Associated<Surface> out;
+  FitQuality& quality = out.quality;
+  quality.distances_mm.resize(n);
+  UsedBits used;  // empty: all
+  NormalWeights weights;
   std::optional<Surface> start;
+  const auto use = [&](UsedBits next) {
+    used = std::move(next);
+    const std::size_t n_used = used.empty() ? n : count_used(used);
+    points = centred(points_mm,
+                     {used.empty() ? nullptr : used.data(), weights.weights.empty() ? nullptr : weights.weights.data()},
+                     n_used);
+  };
   if (options.rejection == Rejection::robust) {
-    if (const auto found = consensus<Shape>(points_mm)) {
-      start = found->first;
-      for (std::size_t i = 0; i < rejected.size(); ++i) {
-        rejected[i] = std::abs(start->distance(points_mm[i])) > found->second;
-      }
+    auto found = quick_consensus<Shape>(points);
+    if (!found) found = consensus<Shape>(points);
+    if (found) {
+      start = found->surface;
+      normal_equations(*start, as_they_are(points_mm), quality.distances_mm.data());
+      used = within(quality.distances_mm, found->tolerance_mm);
     }
   }
+  int reweights = 0;
   for (int round = 0;; ++round) {
-    const bool is_all = std::find(rejected.begin(), rejected.end(), true) == rejected.end();
-    const std::vector<Eigen::Vector3d> kept = is_all ? std::vector<Eigen::Vector3d>{} : without(points_mm, rejected);
-    const Points used = is_all ? points_mm : Points(kept);
-    if (std::string why = why_unusable(used, M, Shape::kName); !why.empty()) {
+    if (round > 0 || !used.empty()) {  // other points or other weights
+      const std::size_t n_used = used.empty() ? n : count_used(used);
+      if (std::string why = why_too_few(n_used, m, Shape::kName); !why.empty()) {
+        return unanswerable(fmt::format("after rejection {} of {} points are left: {}", n_used, n, why));
+      }
+      use(std::move(used));
+    }
+    Result<Minimum<Surface>> minimum = solve<Shape>(points, options, start, quality.distances_mm.data());
+    if (!minimum) {
+      if (used.empty() || count_used(used) == n) return tl::unexpected(minimum.error());
       return unanswerable(
-          fmt::format("after rejection {} of {} points are left: {}", used.size(), points_mm.size(), why));
+          fmt::format("after rejection {} of {} points are left: {}", count_used(used), n, minimum.error().sentence));
     }
-    Result<Minimum<Surface>> minimum = Shape::solve(used, options.max_iterations, start);
-    if (!minimum) return tl::unexpected(minimum.error());
     start = minimum->surface;
-    Associated<Surface> out{*minimum, {}, {}};
-    FitQuality& quality = out.quality;
-    quality.distances_mm = distances(points_mm, minimum->surface);
-    quality.n_used = used.size();
-    quality.n_rejected = points_mm.size() - used.size();
+    out.minimum = *minimum;
+    if (has_covariances && reweights < kReweights) {
+      NormalWeights next = normal_weights(points_mm, options.covariances_mm2, used, *start);
+      if (next.weights.empty())
+        return unanswerable("the covariance of a point is not positive along the normal of the surface there");
+      double change = reweights == 0 ? 1.0 : 0.0;
+      for (std::size_t i = 0; i < weights.weights.size(); ++i) {
+        change = std::max(change, std::abs(next.weights[i] / weights.weights[i] - 1.0));
+      }
+      weights = std::move(next);
+      ++reweights;
+      if (change > 1e-9) continue;
+    }
+    const double n_used = points.framed.n;
+    double f = minimum->f;
+    if (has_covariances) {
+      quality.scatter_over_expected = standard_deviation(f / weights.variance_mm2, n_used, m);
+      f = 0.0;
+      for (std::size_t i = 0; i < n; ++i) {
+        if (used.empty() || is_used(used, i)) f += quality.distances_mm[i] * quality.distances_mm[i];
+      }
+    }
+    quality.n_used = static_cast<std::size_t>(n_used);
+    quality.n_rejected = n - quality.n_used;
     quality.iterations = minimum->iterations;
-    quality.rms_mm = std::sqrt(minimum->f / static_cast<double>(used.size()));
-    quality.standard_deviation_mm = standard_deviation(minimum->f, used.size(), M);
-
-    std::vector<bool> next = rejected;
-    if (options.rejection == Rejection::vdi_2634) {
-      next = beyond_three_deviations(quality.distances_mm, quality.standard_deviation_mm);
-    } else if (options.rejection == Rejection::robust) {
-      double largest = 0.0;
-      for (const Eigen::Vector3d& p : used) largest = std::max(largest, p.cwiseAbs().maxCoeff());
-      next = beyond_robust_deviation(quality.distances_mm, rejected,
-                                     16.0 * std::numeric_limits<double>::epsilon() * largest);
+    quality.rms_mm = std::sqrt(f / n_used);
+    quality.standard_deviation_mm = standard_deviation(f, n_used, m);
+    if (options.rejection != Rejection::none && round < kRounds) {
+      if (used.empty()) used = all_used(n);
+      UsedBits next = options.rejection == Rejection::vdi_2634
+                          ? within_three_deviations(quality.distances_mm, quality.standard_deviation_mm)
+                          : within_robust_deviation(quality.distances_mm, used, rounding_mm);
+      if (next != used) {
+        used = std::move(next);
+        continue;
+      }
     }
-    if (next != rejected && round < kRounds) {
-      rejected = std::move(next);
-      continue;
-    }
-    quality.max_mm = -std::numeric_limits<double>::infinity();
-    quality.min_mm = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < rejected.size(); ++i) {
-      if (rejected[i]) continue;
-      quality.max_mm = std::max(quality.max_mm, quality.distances_mm[i]);
-      quality.min_mm = std::min(quality.min_mm, quality.distances_mm[i]);
-    }
-    quality.rejected = std::move(rejected);
+    quality.max_mm = minimum->largest_mm;
+    quality.min_mm = minimum->smallest_mm;
+    quality.rejected.assign(n, false);
+    for (std::size_t i = 0; quality.n_rejected > 0 && i < n; ++i) quality.rejected[i] = !is_used(used, i);
     const double s = quality.standard_deviation_mm;
-    out.covariance = s * s * minimum->inverse_jtj;
+    out.covariance = (has_covariances ? weights.variance_mm2 : s * s) * minimum->inverse_jtj;
     return out;
   }
 }
@@ -187,9 +361,6 @@ inline Eigen::Vector3d largest_positive(const Eigen::Vector3d& direction) {
   direction.cwiseAbs().maxCoeff(&largest);
   return direction[largest] < 0.0 ? Eigen::Vector3d(-direction) : direction;
 }
-
-/// The least-squares plane of normalised points as the start of every shape's checks. values[0]: its sum of squares.
-SymmetricEigen<3> principal_axes(Points normalised);
 
 /// The sentence of a descent that found no minimum.
 std::string why_no_minimum(Descent descent, const char* shape, int max_iterations);

@@ -18,6 +18,7 @@ template SymmetricEigen<2> symmetric_eigen<2>(const MatrixN<2>&);
 template SymmetricEigen<3> symmetric_eigen<3>(const MatrixN<3>&);
 template SymmetricEigen<4> symmetric_eigen<4>(const MatrixN<4>&);
 template SymmetricEigen<5> symmetric_eigen<5>(const MatrixN<5>&);
+template SymmetricEigen<6> symmetric_eigen<6>(const MatrixN<6>&);
 
 template <int N>
 std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, const VectorN<N>& b) {
@@ -34,25 +35,67 @@ std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, con
 template std::optional<NormalSolution<3>> solve_normal_equations<3>(const MatrixN<3>&, const VectorN<3>&);
 template std::optional<NormalSolution<4>> solve_normal_equations<4>(const MatrixN<4>&, const VectorN<4>&);
 template std::optional<NormalSolution<5>> solve_normal_equations<5>(const MatrixN<5>&, const VectorN<5>&);
+template std::optional<NormalSolution<6>> solve_normal_equations<6>(const MatrixN<6>&, const VectorN<6>&);
 
-Normalised normalise(Points points_mm) {
-  require(!points_mm.empty(), "normalise() is given points");
-  Normalised out;
-  const double n = static_cast<double>(points_mm.size());
-  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
-  const Eigen::Vector3d first =
-      points_mm.front();  // the sum of differences keeps the digits that a far offset would take
-  out.origin_mm = first + blocked_sum(points_mm, zero, [&](const Eigen::Vector3d& p, Eigen::Vector3d& sum) {
-                            sum += p - first;
-                          }) / n;
-  const double f = blocked_sum(
-      points_mm, 0.0, [&](const Eigen::Vector3d& p, double& sum) { sum += (p - out.origin_mm).squaredNorm(); });
+namespace {
+
+/// Mean and scatter of the points in the frame of a task (kernels.h, eq. 3).
+struct Moments {
+  Eigen::Vector3d mean;
+  Eigen::Matrix3d scatter;  // about the mean
   double largest = 0.0;
-  for (const Eigen::Vector3d& p : points_mm) largest = std::max(largest, p.cwiseAbs().maxCoeff());
-  out.scale_mm = f > 0.0 ? std::sqrt(f / n) : 1.0;
-  out.rounding = std::numeric_limits<double>::epsilon() * (largest / out.scale_mm + 1.0);
-  out.points.reserve(points_mm.size());
-  for (const Eigen::Vector3d& p : points_mm) out.points.push_back((p - out.origin_mm) / out.scale_mm);
+};
+Moments moments_of(const KernelTask& task, double n) {
+  const KernelSums k = run_kernel(task);
+  const double* s = k.sums;
+  Moments out;
+  out.mean = Eigen::Vector3d(s[0], s[1], s[2]) / n;
+  out.scatter << s[3], s[4], s[5], s[4], s[6], s[7], s[5], s[7], s[8];
+  out.scatter -= n * out.mean * out.mean.transpose();
+  out.largest = k.largest;
+  return out;
+}
+
+}  // namespace
+
+CentredPoints centred(Points points_mm, const PointWeights& weights, std::size_t n_used) {
+  require(!points_mm.empty() && n_used > 0, "centred() is given points");
+  constexpr std::size_t kFew = 16;  // whose mean lies well enough inside the others
+  const double n = static_cast<double>(n_used);
+  CentredPoints out;
+  out.framed = {points_mm, weights, n};
+  Eigen::Vector3d near = Eigen::Vector3d::Zero();
+  const std::size_t few = std::min(kFew, points_mm.size());
+  const auto some = [&](std::size_t i) -> const Eigen::Vector3d& { return points_mm[i * points_mm.size() / few]; };
+  for (std::size_t i = 0; i < few; ++i) near += (some(i) - points_mm[0]) / static_cast<double>(few);
+  near += points_mm[0];
+  double reach = 0.0;
+  for (std::size_t i = 0; i < few; ++i) reach = std::max(reach, (some(i) - near).cwiseAbs().maxCoeff());
+  if (!(reach > 1e-100)) reach = near.cwiseAbs().maxCoeff();  // the few coincide
+  if (!(reach > 1e-100)) reach = 1.0;
+  if (!near.allFinite() || !(reach < 1e101)) return out;
+  KernelTask task{KernelKind::moments, points_mm, weights, near, 1.0 / reach};
+  const Moments rough = moments_of(task, n);
+  out.finite = rough.mean.allFinite() && rough.scatter.allFinite() &&
+               near.cwiseAbs().maxCoeff() + rough.largest * reach <= 1e100;
+  if (!out.finite) return out;
+  out.framed.origin_mm = near + reach * rough.mean;
+  const double f = std::max(0.0, rough.scatter.trace());
+  const double unit = std::sqrt(f / n);  // of the frame, in reaches
+  out.framed.scale_mm = unit * reach > 1e-150 ? unit * reach : 1.0;
+  out.rounding = std::numeric_limits<double>::epsilon() *
+                 ((near.cwiseAbs().maxCoeff() + rough.largest * reach) / out.framed.scale_mm + 1.0);
+  out.axes = symmetric_eigen<3>(unit * reach > 1e-150 ? Eigen::Matrix3d(rough.scatter / (unit * unit))
+                                                      : Eigen::Matrix3d::Zero());
+  // An eigenvalue is good to eps of the largest one, so a thickness only to 1e-8 of the size; along the axes it is
+  // exact. 1e-8: a thickness good to four digits.
+  if (!(out.axes.values[0] > 1e-8 * out.axes.values[2])) {
+    task.origin_mm = out.framed.origin_mm;
+    task.inverse_scale = 1.0 / out.framed.scale_mm;
+    task.axes = out.axes.vectors;
+    out.axes.values = moments_of(task, n).scatter.diagonal();
+  }
+  out.axes.values = out.axes.values.cwiseMax(0.0);
   return out;
 }
 

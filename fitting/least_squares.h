@@ -3,14 +3,12 @@
 //
 //   (J^T J) step = -J^T d                                                                                      (1)
 //   step^T J^T J step = the squared length, over all points, of what the step changes in the distances         (2)
-// Sums run over blocks of fixed size in the order of the points: the rounding error grows with the block, not with the
-// number of points, and the same points give the same bytes.
-//
-// The points must be normalised (normalise()): centred, and of size one.
+// The sums are those of kernels.h. The points are seen centred and of size one (frame_of()), without a copy of them.
 #pragma once
 
 #include "core/error.h"
 #include "fitting/fit.h"
+#include "fitting/kernels.h"
 
 #include <Eigen/Core>
 
@@ -26,7 +24,7 @@ using VectorN = Eigen::Matrix<double, N, 1>;
 template <int N>
 using MatrixN = Eigen::Matrix<double, N, N>;
 
-/// Eigenvalues in increasing order, with their vectors as columns. N = 2, 3, 4, 5.
+/// Eigenvalues in increasing order, with their vectors as columns. N = 2 .. 6.
 template <int N>
 struct SymmetricEigen {
   VectorN<N> values;
@@ -36,8 +34,7 @@ template <int N>
 SymmetricEigen<N> symmetric_eigen(const MatrixN<N>& matrix);
 
 /// The solution of A x = b and the inverse of A, for A symmetric positive definite, after scaling its diagonal to one.
-/// nullopt where the smallest eigenvalue of the scaled A is below 1e-14: to double precision, A is singular. N = 3,
-/// 4, 5.
+/// nullopt where the smallest eigenvalue of the scaled A is below 1e-14: to double precision, A is singular. N = 3 .. 6.
 template <int N>
 struct NormalSolution {
   VectorN<N> x;
@@ -46,15 +43,31 @@ struct NormalSolution {
 template <int N>
 std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, const VectorN<N>& b);
 
-/// points_mm = origin_mm + scale_mm * points, the points centred and of rms distance one from the origin.
-struct Normalised {
-  std::vector<Eigen::Vector3d> points;
-  Eigen::Vector3d origin_mm;
+/// Points as a fit sees them: x = (p - origin_mm) / scale_mm.
+struct FramedPoints {
+  Points points_mm;
+  PointWeights weights;
+  double n = 0.0;  // points used
+  Eigen::Vector3d origin_mm = Eigen::Vector3d::Zero();
   double scale_mm = 1.0;
-  /// What rounding of the input coordinates leaves open, in units of scale.
-  double rounding = 0.0;
+  Eigen::Vector3d in_frame(const Eigen::Vector3d& p_mm) const { return (p_mm - origin_mm) / scale_mm; }
 };
-Normalised normalise(Points points_mm);
+
+/// Points that are in their frame already.
+inline FramedPoints as_they_are(Points points) { return {points, {}, static_cast<double>(points.size())}; }
+
+/// Points seen centred and of rms distance one from their centroid, and their principal axes.
+struct CentredPoints {
+  FramedPoints framed;
+  SymmetricEigen<3>
+      axes;  // values: sums of squares along the axes, exact for the thinnest set (values[0]: a plane's F)
+  /// What rounding of the input coordinates leaves open, in units of scale_mm.
+  double rounding = 0.0;
+  /// The sum of squares about the best plane, in the points' unit.
+  double plane_f() const { return axes.values[0] * framed.scale_mm * framed.scale_mm; }
+  bool finite = false;  // every coordinate is a number below 1e100; else nothing else here means anything
+};
+CentredPoints centred(Points points_mm, const PointWeights& weights, std::size_t n_used);
 
 /// Sum of term(point) over the points; Sum needs +=, term(point, sum) adds one point's part.
 template <class Sum, class Term>
@@ -74,82 +87,123 @@ struct NormalEquations {
   MatrixN<M> jtj = MatrixN<M>::Zero();
   VectorN<M> jtd = VectorN<M>::Zero();
   double f = 0.0;
-  NormalEquations& operator+=(const NormalEquations& other) {
-    jtj += other.jtj;
-    jtd += other.jtd;
-    f += other.f;
-    return *this;
-  }
+  double largest = 0.0, smallest = 0.0;  // distance of a point used, times scale_mm
 };
 
+/// distances_mm: where not null, receives the distance of every point, used or not.
 template <class Surface>
-NormalEquations<Surface::kParameters> normal_equations(const Surface& surface, Points points) {
+NormalEquations<Surface::kParameters> normal_equations(const Surface& surface, const FramedPoints& points,
+                                                       double* distances_mm = nullptr) {
   constexpr int M = Surface::kParameters;
-  NormalEquations<M> sum =
-      blocked_sum(points, NormalEquations<M>{}, [&](const Eigen::Vector3d& p, NormalEquations<M>& part) {
-        VectorN<M> row;
-        const double d = surface.linearize(p, row);
-        for (int c = 0; c < M; ++c) {
-          for (int r = c; r < M; ++r) part.jtj(r, c) += row[r] * row[c];
-          part.jtd[c] += row[c] * d;
-        }
-        part.f += d * d;
-      });
+  KernelTask task{Surface::kKernel, points.points_mm, points.weights, points.origin_mm, 1.0 / points.scale_mm};
+  task.anchor = surface.anchor;
+  task.axes = surface.axes;
+  if constexpr (Surface::kKernel != KernelKind::plane) task.k = surface.k;
+  task.distances = distances_mm;
+  task.distance_unit = points.scale_mm;
+  const KernelSums sums = run_kernel(task);
+  NormalEquations<M> out;
+  const double* next = sums.sums;
   for (int c = 0; c < M; ++c) {
-    for (int r = c + 1; r < M; ++r) sum.jtj(c, r) = sum.jtj(r, c);
+    for (int r = c; r < M; ++r) out.jtj(r, c) = out.jtj(c, r) = *next++;
   }
-  return sum;
+  for (int c = 0; c < M; ++c) out.jtd[c] = *next++;
+  out.f = *next;
+  out.largest = sums.largest;
+  out.smallest = sums.smallest;
+  return out;
 }
 
-/// A surface at the minimum of F. In the units of the points it was fitted to.
+/// A surface at the minimum of F. In the units of the frame it was fitted in.
 template <class Surface>
 struct Minimum {
   Surface surface;
-  MatrixN<Surface::kParameters> inverse_jtj;
+  MatrixN<Surface::kParameters> inverse_jtj;  // zero in the rows and columns of what is held fixed
   double f = 0.0;
   int iterations = 0;
+  double largest_mm = 0.0, smallest_mm = 0.0;
 };
 
 enum class Descent { singular, not_converged };
 
+struct DescentOptions {
+  int max_iterations = 100;
+  bool hold_curvature = false;
+  double* distances_mm = nullptr;  // as in normal_equations(), at the minimum
+  /// Stop where a step changes the distances by less than this (rms, in units of the frame's size).
+  double enough = 1e-16;
+  /// The start is good to rounding, so the first pass may be the last; then a step of ten roundings is enough.
+  bool start_is_close = false;
+};
+
+/// The Newton step of eq. 1; where the curvature (the last parameter) is held, of the others.
+template <int M>
+std::optional<NormalSolution<M>> newton_step(const NormalEquations<M>& at, bool hold_curvature) {
+  if constexpr (M > 3) {
+    if (hold_curvature) {
+      const auto part =
+          solve_normal_equations<M - 1>(at.jtj.template topLeftCorner<M - 1, M - 1>(), -at.jtd.template head<M - 1>());
+      if (!part) return std::nullopt;
+      NormalSolution<M> out{VectorN<M>::Zero(), MatrixN<M>::Zero()};
+      out.x.template head<M - 1>() = part->x;
+      out.inverse.template topLeftCorner<M - 1, M - 1>() = part->inverse;
+      return out;
+    }
+  }
+  return solve_normal_equations<M>(at.jtj, -at.jtd);
+}
+
 /// From a start to the last digits. A step is halved until it lowers F; where F no longer resolves the step (its
 /// predicted gain is below 1e-11 F), until it lowers the length (2) of the step that would follow. It has converged
-/// when neither can be had any more, or when the step changes the distances by less than double resolves (1e-16 of the
-/// points' size).
+/// when neither can be had any more, or when a step changes the distances by less than double resolves. A step below
+/// 1e-12 whose successor, at the rate of the last two, is below that is taken without looking again: F and the distances
+/// are then those before it, 1e-12 of the points' size away.
 template <class Surface>
-tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, Points points, int max_iterations) {
+tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const FramedPoints& points,
+                                                     const DescentOptions& options) {
   constexpr int M = Surface::kParameters;
   constexpr int kHalvings = 30, kHalvingsAtTheEnd = 4;
-  const double n = static_cast<double>(points.size());
-  NormalEquations<M> at = normal_equations(surface, points);
-  std::optional<NormalSolution<M>> newton = solve_normal_equations<M>(at.jtj, -at.jtd);
+  constexpr double kBlind2 = 1e-24;
+  const double n = points.n, resolved = options.enough * options.enough * n;
+  double* const distances_mm = options.distances_mm;
+  NormalEquations<M> at = normal_equations(surface, points, options.start_is_close ? distances_mm : nullptr);
+  std::optional<NormalSolution<M>> newton = newton_step<M>(at, options.hold_curvature);
+  bool has_distances = options.start_is_close;
+  double rate = 1.0;  // of the squared lengths
+  const auto done = [&](int iterations) {
+    if (distances_mm && !has_distances) normal_equations(surface, points, distances_mm);
+    return Minimum<Surface>{surface, newton->inverse, at.f, iterations, at.largest, at.smallest};
+  };
   for (int iteration = 0; newton; ++iteration) {
     const double length2 = -newton->x.dot(at.jtd);  // eq. 2
-    if (!(length2 > 1e-32 * n)) return Minimum<Surface>{surface, newton->inverse, at.f, iteration};
+    if (!(length2 > (options.start_is_close && iteration == 0 ? 100.0 * resolved : resolved))) return done(iteration);
+    if (rate < 1e-4 && length2 < kBlind2 * n && length2 * rate < std::max(resolved, 1e-32 * n)) {
+      surface = surface.moved(newton->x);
+      return done(iteration + 1);
+    }
     const bool is_rounding = !(length2 > 1e-26 * n);
     const bool at_the_end = is_rounding || !(length2 > 1e-11 * at.f);
+    const bool write = distances_mm && rate < 1e-4 && length2 * rate < kBlind2 * n;
     const int halvings = is_rounding ? 0 : at_the_end ? kHalvingsAtTheEnd : kHalvings;
     const double enough = is_rounding ? 0.25 : 0.98;  // of length2; slow where the scatter is as large as the radius
     bool better = false;
     VectorN<M> step = newton->x;
     for (int halving = 0; !better && halving <= halvings; ++halving, step *= 0.5) {
       const Surface trial = surface.moved(step);
-      const NormalEquations<M> there = normal_equations(trial, points);
-      if (at_the_end) {
-        auto next = solve_normal_equations<M>(there.jtj, -there.jtd);
-        better = next && -next->x.dot(there.jtd) < enough * length2;
-        if (better) newton = std::move(next);
-      } else {
-        better = there.f < at.f;
-        if (better) newton = solve_normal_equations<M>(there.jtj, -there.jtd);
-      }
+      const NormalEquations<M> there = normal_equations(trial, points, write ? distances_mm : nullptr);
+      auto next = newton_step<M>(there, options.hold_curvature);
+      const double next2 = next ? -next->x.dot(there.jtd) : 0.0;
+      better = at_the_end ? next && next2 < enough * length2 : there.f < at.f;
+      has_distances = better && write;
       if (better) {
         surface = trial;
         at = there;
+        newton = std::move(next);
+        rate = halving == 0 ? next2 / length2 : 1.0;
       }
     }
-    const bool is_last = iteration >= max_iterations;
-    if (!better || (is_last && at_the_end)) return Minimum<Surface>{surface, newton->inverse, at.f, iteration};
+    const bool is_last = iteration >= options.max_iterations;
+    if (!better || (is_last && at_the_end)) return done(iteration);
     if (is_last) return tl::unexpected(Descent::not_converged);
   }
   return tl::unexpected(Descent::singular);

@@ -3,23 +3,6 @@
 
 namespace fringecal::fitting {
 
-SymmetricEigen<3> principal_axes(Points normalised) {
-  const Eigen::Vector3d zero = Eigen::Vector3d::Zero();
-  const double n = static_cast<double>(normalised.size());
-  const Eigen::Vector3d mean =
-      blocked_sum(normalised, zero, [](const Eigen::Vector3d& p, Eigen::Vector3d& sum) { sum += p; }) / n;
-  const auto scatter = [&](const Eigen::Vector3d& p, Eigen::Matrix3d& sum) {
-    sum += (p - mean) * (p - mean).transpose();
-  };
-  SymmetricEigen<3> axes = symmetric_eigen<3>(blocked_sum(normalised, Eigen::Matrix3d::Zero().eval(), scatter));
-  // An eigenvalue is good to eps of the largest one, so a thickness only to 1e-8 of the size; along the axes it is
-  // exact.
-  axes.values = blocked_sum(normalised, zero, [&](const Eigen::Vector3d& p, Eigen::Vector3d& sum) {
-    sum += (axes.vectors.transpose() * (p - mean)).cwiseAbs2();
-  });
-  return axes;
-}
-
 std::string why_no_minimum(Descent descent, const char* shape, int max_iterations) {
   if (descent == Descent::singular) {
     return fmt::format("the points do not determine a {}: several fit them equally well; measure a larger part of it",
@@ -35,29 +18,39 @@ struct PlaneShape {
   using Surface = PlaneSurface;
   static constexpr const char* kName = "plane";
 
-  static Result<Minimum<PlaneSurface>> solve(Points points_mm, int max_iterations, const std::optional<PlaneSurface>&) {
-    const Normalised frame = normalise(points_mm);
-    const SymmetricEigen<3> axes = principal_axes(frame.points);
-    const double n = static_cast<double>(points_mm.size());
-    const double width_mm = frame.scale_mm * std::sqrt(std::max(0.0, axes.values[1]) / n);
-    const double thickness_mm = frame.scale_mm * std::sqrt(std::max(0.0, axes.values[0]) / n);
+  static std::string why_flat(const CentredPoints& points) {
+    const double n = points.framed.n, scale_mm = points.framed.scale_mm;
+    const double width_mm = scale_mm * std::sqrt(points.axes.values[1] / n);
+    const double thickness_mm = scale_mm * std::sqrt(points.axes.values[0] / n);
     // A line's scatter is as wide in one direction as in the other, up to 4 standard deviations of the ratio of two
-    // equal variances, 1 +- 2 / sqrt(n) each.
-    const double limit_mm =
-        std::max(thickness_mm * std::sqrt(1.0 + 8.0 / std::sqrt(n)), 4.0 * frame.rounding * frame.scale_mm);
-    if (!(width_mm > limit_mm)) {
-      return unanswerable(
-          fmt::format("the {} points lie on one line (within {:.3g} mm rms), which determines no plane; measure "
-                      "points to its sides too",
-                      points_mm.size(), std::hypot(width_mm, thickness_mm)));
-    }
-    PlaneSurface start;
-    start.axes.col(2) = axes.vectors.col(0);
-    start.axes.col(0) = axes.vectors.col(2);
-    start.axes.col(1) = start.axes.col(2).cross(start.axes.col(0));
-    const auto minimum = gauss_newton(start, frame.points, max_iterations);
-    if (!minimum) return unanswerable(why_no_minimum(minimum.error(), kName, max_iterations));
-    return in_mm(*minimum, frame, {frame.scale_mm, 1.0, 1.0});
+    // equal variances, 1 +- 2 / sqrt(n) each. Exactly three points have no scatter.
+    const double chance = n > 3.0 ? std::sqrt(1.0 + 8.0 / std::sqrt(n)) : 1.0;
+    const double limit_mm = std::max(thickness_mm * chance, 4.0 * points.rounding * scale_mm);
+    if (width_mm > limit_mm) return {};
+    return fmt::format(
+        "the {} points lie on one line (within {:.3g} mm rms), which determines no plane; measure "
+        "points to its sides too",
+        n, std::hypot(width_mm, thickness_mm));
+  }
+  static Result<PlaneSurface> start(const CentredPoints& points, std::size_t, const FitOptions&) {
+    PlaneSurface out;
+    out.axes.col(2) = points.axes.vectors.col(0);
+    out.axes.col(0) = points.axes.vectors.col(2);
+    out.axes.col(1) = out.axes.col(2).cross(out.axes.col(0));
+    return out;
+  }
+  static std::optional<PlaneSurface> rough_start(Points points) {
+    const CentredPoints centre = centred(points, {}, points.size());
+    return surface_in_mm(*start(centre, points.size(), {}), centre.framed);
+  }
+  static std::string why_undetermined(const CentredPoints&, const Minimum<PlaneSurface>&, const FitOptions&) {
+    return {};
+  }
+  static PlaneSurface convex(const PlaneSurface& s) { return s; }
+  static PlaneSurface with_curvature(const PlaneSurface& s, double) { return s; }
+  /// The anchor at the foot of the origin, so that shift and tilts are hardly correlated.
+  static PlaneSurface beside_origin(const PlaneSurface& s) {
+    return {s.axes.col(2).dot(s.anchor) * s.axes.col(2), s.axes};
   }
 
   static std::optional<PlaneSurface> propose(const Sample& sample, Random& random) {
@@ -74,7 +67,7 @@ struct PlaneShape {
 }  // namespace
 
 Result<PlaneFit> fit_plane(Points points_mm, const FitOptions& options) {
-  const auto found = associate<PlaneShape>(points_mm, options);
+  auto found = associate<PlaneShape>(points_mm, options);
   if (!found) return tl::unexpected(found.error());
   const PlaneSurface& plane = found->minimum.surface;
   PlaneFit out;
@@ -83,7 +76,7 @@ Result<PlaneFit> fit_plane(Points points_mm, const FitOptions& options) {
   out.normal = largest_positive(plane.axes.col(2));
   out.u_offset_mm = standard_uncertainty<3>(VectorN<3>::Unit(0), found->covariance);
   out.u_tilt_rad = worse_uncertainty<3>(VectorN<3>::Unit(1), VectorN<3>::Unit(2), found->covariance);
-  out.quality = found->quality;
+  out.quality = std::move(found->quality);
   if (out.normal.dot(plane.axes.col(2)) < 0.0) {
     for (double& d : out.quality.distances_mm) d = -d;
     out.quality.max_mm = -std::exchange(out.quality.min_mm, -out.quality.max_mm);

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <numeric>
 
@@ -16,24 +17,34 @@ std::uint64_t Random::next() {
   return z ^ (z >> 31);
 }
 
-std::vector<Eigen::Vector3d> random_subset(Points points, std::size_t count, Random& random) {
-  if (points.size() <= count) return {points.begin(), points.end()};
-  std::vector<std::size_t> index(points.size());
-  std::iota(index.begin(), index.end(), std::size_t{0});
-  for (std::size_t i = 0; i < count; ++i) std::swap(index[i], index[i + random.below(index.size() - i)]);
-  index.resize(count);
-  std::sort(index.begin(), index.end());
+std::vector<Eigen::Vector3d> spread_sample(Points points, const PointWeights& weights, std::size_t count,
+                                           Random& random) {
   std::vector<Eigen::Vector3d> out;
-  out.reserve(count);
-  for (const std::size_t i : index) out.push_back(points[i]);
+  const std::size_t n = points.size();
+  out.reserve(std::min(n, count));
+  const auto is_free = [&](std::size_t i) { return !weights.used || (weights.used[i / 8] >> (i % 8) & 1) != 0; };
+  if (n <= count) {
+    for (std::size_t i = 0; i < n; ++i) {
+      if (is_free(i)) out.push_back(points[i]);
+    }
+    return out;
+  }
+  for (std::size_t c = 0; c < count; ++c) {
+    const std::size_t first = c * n / count, last = (c + 1) * n / count;
+    const std::size_t start = first + random.below(last - first);
+    for (std::size_t i = start; i < last; ++i) {
+      if (!is_free(i)) continue;
+      out.push_back(points[i]);
+      break;
+    }
+  }
   return out;
 }
 
-Sample make_sample(Points normalised, Random& random) {
-  constexpr std::size_t kPoints = 2000;  // the search costs points x proposals; normals cost points squared
+Sample make_sample(std::vector<Eigen::Vector3d> points) {
   constexpr std::size_t kNeighbours = 16;
   Sample sample;
-  sample.points = random_subset(normalised, kPoints, random);
+  sample.points = std::move(points);
   const std::size_t n = sample.points.size(), near = std::min(kNeighbours, n);
   std::vector<std::pair<double, std::size_t>> by_distance(n);
   for (const Eigen::Vector3d& p : sample.points) {
@@ -52,7 +63,7 @@ Sample make_sample(Points normalised, Random& random) {
   return sample;
 }
 
-Support support(const std::vector<double>& distances, int parameters) {
+Support support(std::span<const double> distances, int parameters) {
   // Counted in bins of a quarter octave of the tolerance, from 2^-40 to 1 (normalised lengths).
   constexpr int kPerOctave = 4, kOctaves = 40, kBins = kPerOctave * kOctaves;
   std::array<int, kBins + 1> bins{};
@@ -79,23 +90,66 @@ Support support(const std::vector<double>& distances, int parameters) {
   return best;
 }
 
-std::vector<bool> beyond_robust_deviation(const std::vector<double>& distances_mm, const std::vector<bool>& rejected,
-                                          double rounding_mm) {
-  std::vector<double> sizes;
-  sizes.reserve(distances_mm.size());
-  for (std::size_t i = 0; i < distances_mm.size(); ++i) {
-    if (!rejected[i]) sizes.push_back(std::abs(distances_mm[i]));
-  }
-  require(!sizes.empty(), "a robust deviation is taken of some points");
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::nth_element(sizes.begin(), middle, sizes.end());
-  const double limit = std::max(3.5 * 1.4826 * *middle, rounding_mm);  // eq. 2
-  std::vector<bool> out(distances_mm.size());
-  for (std::size_t i = 0; i < out.size(); ++i) out[i] = std::abs(distances_mm[i]) > limit;
+UsedBits all_used(std::size_t n) {
+  UsedBits out((n + 7) / 8, 0xff);
+  if (n % 8) out.back() = static_cast<std::uint8_t>((1u << (n % 8)) - 1);
   return out;
 }
 
-std::vector<bool> beyond_three_deviations(const std::vector<double>& distances_mm, double standard_deviation_mm) {
+std::size_t count_used(const UsedBits& bits) {
+  std::size_t n = 0;
+  for (const std::uint8_t byte : bits) n += static_cast<std::size_t>(std::popcount(byte));
+  return n;
+}
+
+UsedBits within(std::span<const double> distances_mm, double limit_mm) {
+  const std::size_t n = distances_mm.size();
+  UsedBits out((n + 7) / 8, 0);
+  for (std::size_t byte = 0; byte < out.size(); ++byte) {
+    const std::size_t last = std::min<std::size_t>(8, n - 8 * byte);
+    unsigned bits = 0;
+    for (std::size_t i = 0; i < last; ++i) bits |= (std::abs(distances_mm[8 * byte + i]) <= limit_mm ? 1u : 0u) << i;
+    out[byte] = static_cast<std::uint8_t>(bits);
+  }
+  return out;
+}
+
+double median_size(std::span<const double> distances_mm, const UsedBits& used) {
+  // Positive doubles are ordered as their bits: counted by exponent and four bits of the mantissa, then selected among
+  // those of the middle bin, so that no second array of all sizes is needed.
+  constexpr int kShift = 48;
+  constexpr std::uint64_t kSign = std::uint64_t{1} << 63;
+  const auto bin_of = [](double d) { return (std::bit_cast<std::uint64_t>(d) & ~kSign) >> kShift; };
+  const std::size_t n = count_used(used);
+  require(n > 0, "a median is taken of some points");
+  if (n < 50000) {
+    std::vector<double> sizes;
+    sizes.reserve(n);
+    for (std::size_t i = 0; i < distances_mm.size(); ++i) {
+      if (is_used(used, i)) sizes.push_back(std::abs(distances_mm[i]));
+    }
+    std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(n / 2), sizes.end());
+    return sizes[n / 2];
+  }
+  std::vector<std::uint32_t> counts(std::size_t{1} << 15);
+  for (std::size_t i = 0; i < distances_mm.size(); ++i) counts[bin_of(distances_mm[i])] += is_used(used, i) ? 1u : 0u;
+  std::size_t before = 0, bin = 0;
+  while (before + counts[bin] <= n / 2) before += counts[bin++];
+  std::vector<double> sizes;
+  sizes.reserve(counts[bin]);
+  for (std::size_t i = 0; i < distances_mm.size(); ++i) {
+    if (bin_of(distances_mm[i]) == bin && is_used(used, i)) sizes.push_back(std::abs(distances_mm[i]));
+  }
+  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(n / 2 - before);
+  std::nth_element(sizes.begin(), middle, sizes.end());
+  return *middle;
+}
+
+UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm) {
+  return within(distances_mm, std::max(3.5 * 1.4826 * median_size(distances_mm, used), rounding_mm));  // eq. 2
+}
+
+UsedBits within_three_deviations(std::span<const double> distances_mm, double standard_deviation_mm) {
   const std::size_t most = distances_mm.size() * 3 / 1000;
   std::vector<std::size_t> out_of_limit;
   for (std::size_t i = 0; i < distances_mm.size(); ++i) {
@@ -104,15 +158,17 @@ std::vector<bool> beyond_three_deviations(const std::vector<double>& distances_m
   std::stable_sort(out_of_limit.begin(), out_of_limit.end(),
                    [&](std::size_t a, std::size_t b) { return std::abs(distances_mm[a]) > std::abs(distances_mm[b]); });
   out_of_limit.resize(std::min(out_of_limit.size(), most));
-  std::vector<bool> out(distances_mm.size());
-  for (const std::size_t i : out_of_limit) out[i] = true;
+  UsedBits out = all_used(distances_mm.size());
+  for (const std::size_t i : out_of_limit) out[i / 8] &= static_cast<std::uint8_t>(~(1u << (i % 8)));
   return out;
 }
 
-std::string why_unusable(Points points_mm, int needed, const char* shape) {
-  if (points_mm.size() < static_cast<std::size_t>(needed)) {
-    return fmt::format("a {} needs at least {} points and there are {}", shape, needed, points_mm.size());
-  }
+std::string why_too_few(std::size_t n, int needed, const char* shape) {
+  if (n >= static_cast<std::size_t>(needed)) return {};
+  return fmt::format("a {} needs at least {} points and there are {}", shape, needed, n);
+}
+
+std::string why_not_finite(Points points_mm) {
   for (std::size_t i = 0; i < points_mm.size(); ++i) {
     // beyond 1e100 mm the squares of distances leave the range of double
     if (!(points_mm[i].cwiseAbs().maxCoeff() <= 1e100) || !points_mm[i].allFinite()) {
@@ -120,7 +176,7 @@ std::string why_unusable(Points points_mm, int needed, const char* shape) {
                          points_mm.size());
     }
   }
-  return {};
+  return "the coordinates span more orders of magnitude than a number can hold; remove the points that are far off";
 }
 
 }  // namespace fringecal::fitting

@@ -31,32 +31,46 @@ class Random {
   std::uint64_t state_;
 };
 
-/// At most `count` of the points, chosen at random without repetition, in the order of the points.
-std::vector<Eigen::Vector3d> random_subset(Points points, std::size_t count, Random& random);
-
 /// A sample of a normalised scan with the normal of each point, estimated from its neighbours.
 struct Sample {
   std::vector<Eigen::Vector3d> points;
   std::vector<Eigen::Vector3d> normals;  // unit, sign arbitrary
 };
-Sample make_sample(Points normalised, Random& random);
+Sample make_sample(std::vector<Eigen::Vector3d> points);
 
 /// Eq. 1.
 struct Support {
   double log_nfa = 0.0;
   double tolerance = 0.0;
 };
-Support support(const std::vector<double>& distances, int parameters);
+Support support(std::span<const double> distances, int parameters);
 
-/// Flags of the points beyond 3.5 sigma, eq. 2, sigma from the points that are not flagged in `rejected`.
-/// rounding_mm: a distance that rounding explains is never beyond.
-std::vector<bool> beyond_robust_deviation(const std::vector<double>& distances_mm, const std::vector<bool>& rejected,
-                                          double rounding_mm);
+/// Which points are used: bit i % 8 of byte i / 8 (kernels.h).
+using UsedBits = std::vector<std::uint8_t>;
+inline bool is_used(const UsedBits& bits, std::size_t i) { return (bits[i / 8] >> (i % 8) & 1) != 0; }
+UsedBits all_used(std::size_t n);
+std::size_t count_used(const UsedBits& bits);
 
-/// VDI/VDE 2634: flags of at most 0.3 % of the points, those farthest out, and only beyond 3 s.
-std::vector<bool> beyond_three_deviations(const std::vector<double>& distances_mm, double standard_deviation_mm);
+/// The points within `limit_mm`.
+UsedBits within(std::span<const double> distances_mm, double limit_mm);
 
-/// A point that is not finite, or fewer points than `needed`: the sentence; empty where the points can be used.
-std::string why_unusable(Points points_mm, int needed, const char* shape);
+/// Median of |d| over the points used.
+double median_size(std::span<const double> distances_mm, const UsedBits& used);
+
+/// The points within 3.5 sigma, eq. 2. rounding_mm: a distance that rounding explains is never beyond.
+UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm);
+
+/// VDI/VDE 2634: all but at most 0.3 % of the points, those farthest out, and only beyond 3 s.
+UsedBits within_three_deviations(std::span<const double> distances_mm, double standard_deviation_mm);
+
+/// About `count` of the points used, one at random of each of as many equal stretches of their order, fewer where a
+/// stretch has none.
+std::vector<Eigen::Vector3d> spread_sample(Points points, const PointWeights& weights, std::size_t count,
+                                           Random& random);
+
+/// Fewer points than `needed`: the sentence; empty where there are enough.
+std::string why_too_few(std::size_t n, int needed, const char* shape);
+/// The sentence that names the first point that is not finite.
+std::string why_not_finite(Points points_mm);
 
 }  // namespace fringecal::fitting

@@ -39,33 +39,62 @@ struct SphereShape {
   using Surface = SphereSurface;
   static constexpr const char* kName = "sphere";
 
-  static Result<Minimum<SphereSurface>> solve(Points points_mm, int max_iterations,
-                                              const std::optional<SphereSurface>&) {
-    const Normalised frame = normalise(points_mm);
-    const double n = static_cast<double>(points_mm.size());
-    const double plane_f = std::max(0.0, principal_axes(frame.points).values[0]);
-    const double thickness_mm = frame.scale_mm * std::sqrt(plane_f / n);
-    if (!(std::sqrt(plane_f / n) > 4.0 * frame.rounding)) {
-      return unanswerable(
-          fmt::format("the {} points lie in one plane (within {:.3g} mm rms), which determines no sphere; measure "
-                      "points above and below it too",
-                      points_mm.size(), thickness_mm));
-    }
-    const auto start = algebraic_sphere(frame.points);
-    if (!start) return unanswerable(why_no_minimum(Descent::singular, kName, max_iterations));
-    auto minimum = gauss_newton(convex(*start), frame.points, max_iterations);
-    if (!minimum) return unanswerable(why_no_minimum(minimum.error(), kName, max_iterations));
-    minimum->surface = convex(minimum->surface);
-    // One parameter more than a plane must gain more than 4 standard deviations, 16 s^2; else the radius is open.
-    const double s2 = n > 4 ? minimum->f / (n - 4.0) : 0.0;
-    if (!(plane_f - minimum->f > 16.0 * s2)) {
-      return unanswerable(fmt::format(
-          "the {} points are as flat as a plane ({:.3g} mm rms from it, {:.3g} mm from the best sphere), so "
-          "the radius is open; measure a larger part of the sphere",
-          points_mm.size(), thickness_mm, frame.scale_mm * std::sqrt(minimum->f / n)));
-    }
-    return in_mm(*minimum, frame, {frame.scale_mm, 1.0, 1.0, 1.0 / frame.scale_mm});
+  static std::string why_flat(const CentredPoints& points) {
+    const double thickness = std::sqrt(points.axes.values[0] / points.framed.n);
+    if (thickness > 4.0 * points.rounding) return {};
+    return fmt::format(
+        "the {} points lie in one plane (within {:.3g} mm rms), which determines no sphere; measure "
+        "points above and below it too",
+        points.framed.n, thickness * points.framed.scale_mm);
   }
+
+  static Result<SphereSurface> start(const CentredPoints& points, std::size_t most, const FitOptions&) {
+    Random random(5);
+    const std::vector<Eigen::Vector3d> sample = sample_in_frame(points.framed, most, random);
+    const auto found = algebraic_sphere(sample);
+    if (!found) return unanswerable(why_no_minimum(Descent::singular, kName, 0));
+    // The descent over the sample brings the start to where that over all points needs two or three steps.
+    const auto minimum = gauss_newton(convex(*found), as_they_are(sample), {.max_iterations = 30, .enough = 1e-7});
+    return minimum ? minimum->surface : *found;
+  }
+
+  static std::optional<SphereSurface> rough_start(Points points) {
+    const auto found = algebraic_sphere(points);
+    if (!found) return std::nullopt;
+    const auto minimum =
+        gauss_newton(fitting::convex(*found), as_they_are(points), {.max_iterations = 10, .enough = 1e-4});
+    return fitting::convex(minimum ? minimum->surface : *found);
+  }
+
+  static std::string why_undetermined(const CentredPoints& points, const Minimum<SphereSurface>& minimum,
+                                      const FitOptions& options) {
+    const double n = points.framed.n, plane_f = points.axes.values[0], scale_mm = points.framed.scale_mm;
+    // One parameter more than a plane must gain more than 4 standard deviations, 16 s^2; else the radius is open. With
+    // the radius held it is the side of the centre that is open: the sphere on the other side must be as much worse.
+    const double s2 = n > 4 ? minimum.f / (n - 4.0) : 0.0;
+    if (options.fixed_diameter_mm) {
+      SphereSurface other = minimum.surface;
+      other.axes = axes_with(-other.axes.col(2), 2);
+      const auto mirrored = gauss_newton(other, points.framed, {.hold_curvature = true});
+      if (!mirrored || mirrored->surface.axes.col(2).dot(minimum.surface.axes.col(2)) > 0.0 ||
+          mirrored->f - minimum.f > 16.0 * s2) {
+        return {};
+      }
+      return fmt::format(
+          "the {} points are so flat that a sphere of {} mm fits them from either side ({:.3g} and {:.3g} mm rms); "
+          "measure a larger part of the sphere",
+          n, *options.fixed_diameter_mm, scale_mm * std::sqrt(minimum.f / n), scale_mm * std::sqrt(mirrored->f / n));
+    }
+    if (plane_f - minimum.f > 16.0 * s2 && minimum.surface.k > 0.0) return {};
+    return fmt::format(
+        "the {} points are as flat as a plane ({:.3g} mm rms from it, {:.3g} mm from the best sphere), so "
+        "the radius is open; measure a larger part of the sphere",
+        n, scale_mm * std::sqrt(plane_f / n), scale_mm * std::sqrt(minimum.f / n));
+  }
+
+  static SphereSurface convex(const SphereSurface& s) { return fitting::convex(s); }
+  static SphereSurface with_curvature(const SphereSurface& s, double k) { return {s.anchor, s.axes, k}; }
+  static SphereSurface beside_origin(const SphereSurface& s) { return s; }
 
   /// Through four points, or where the normals of two points meet.
   static std::optional<SphereSurface> propose(const Sample& sample, Random& random) {
@@ -91,14 +120,14 @@ struct SphereShape {
     if (near.size() < 5) return false;
     double f = 0.0;
     for (const Eigen::Vector3d& p : near) f += std::pow(sphere.distance(p), 2);
-    return principal_axes(near).values[0] > 9.0 * f;
+    return centred(near, {}, near.size()).plane_f() > 9.0 * f;
   }
 };
 
 }  // namespace
 
 Result<SphereFit> fit_sphere(Points points_mm, const FitOptions& options) {
-  const auto found = associate<SphereShape>(points_mm, options);
+  auto found = associate<SphereShape>(points_mm, options);
   if (!found) return tl::unexpected(found.error());
   const SphereSurface& sphere = found->minimum.surface;
   const double r = 1.0 / sphere.k;
@@ -111,7 +140,8 @@ Result<SphereFit> fit_sphere(Points points_mm, const FitOptions& options) {
   for (int c = 0; c < 3; ++c)
     out.u_center_mm[c] = standard_uncertainty<4>(gradient.row(c).transpose(), found->covariance);
   out.u_diameter_mm = standard_uncertainty<4>(2.0 * r * r * VectorN<4>::Unit(3), found->covariance);
-  out.quality = found->quality;
+  out.amplification = r * r * std::sqrt(found->minimum.inverse_jtj(3, 3) * static_cast<double>(found->quality.n_used));
+  out.quality = std::move(found->quality);
   return out;
 }
 
