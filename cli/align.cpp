@@ -51,6 +51,10 @@ void print(const calib::AlignmentIteration& iteration) {
   }
   fmt::print("  theta = {:+.4f} mrad, u = {:.4f} mrad (chi2/dof {:.2f})\n", 1e3 * m.theta_rad.value,
              1e3 * m.theta_rad.u, m.chi2_per_dof);
+  if (m.theta_from_steps_rad) {
+    fmt::print("  from the phase steps alone: {:+.4f} mrad, u = {:.4f} mrad\n", 1e3 * m.theta_from_steps_rad->value,
+               1e3 * m.theta_from_steps_rad->u);
+  }
   for (const auto& remark : m.remarks) fmt::print("  remark: {}\n", remark);
   fmt::print("  {}\n", iteration.step.sentence);
 }
@@ -89,14 +93,24 @@ void align_virtual(const Options& o) {
   std::vector<calib::AlignmentReading> readings;
   double turn_mrad = 0;
   for (int i = 0; i <= kMaxTurns; ++i) {
-    const Capture capture = instrument.capture(scene, state, o.seed * 1000 + static_cast<std::uint64_t>(i));
-    calib::AlignmentIteration iteration{.capture = fmt::format("stack {}", i), .turn_before_rad = 1e-3 * turn_mrad};
-    iteration.measured = measure(capture, iteration.capture, layout, CodeAxis::x);
+    calib::AlignmentIteration iteration{.capture = fmt::format("setting {}", i), .turn_before_rad = 1e-3 * turn_mrad};
+    const auto take = [&](int k) {
+      const Capture capture = instrument.capture(scene, state, o.seed * 1000 + static_cast<std::uint64_t>(20 * i + k));
+      if (k == 0) {
+        const auto profile = calib::alignment_profile(capture, CodeAxis::x, capture.info.height_px / 2);
+        write_atomically(folder.working() / fmt::format("profile-{}.json", i), to_json(calib::to_value(profile)));
+      }
+      return calib::measure_misalignment(capture, layout);
+    };
+    const auto reading = calib::read_setting(take, readings,
+                                             {.turn_before_rad = iteration.turn_before_rad,
+                                              .layout = layout,
+                                              .code = *instrument.plan().x,
+                                              .loop = loop_options(o)});
+    if (!reading) throw InputError(fmt::format("{}: {}", iteration.capture, reading.error().sentence));
+    iteration.measured = reading->measured;
+    iteration.step = reading->step;
     readings.push_back({iteration.measured.theta_rad, iteration.turn_before_rad});
-    iteration.step = calib::next_step(readings, iteration.measured, instrument.plan().x->period, loop_options(o));
-    write_atomically(
-        folder.working() / fmt::format("profile-{}.json", i),
-        to_json(calib::to_value(calib::alignment_profile(capture, CodeAxis::x, capture.info.height_px / 2))));
     iterations.push_back(iteration);
     if (!o.json) print(iteration);
     if (iteration.step.decision != calib::AlignmentDecision::turn) break;

@@ -34,6 +34,7 @@ void commission(const Options& options) {
   virt::InstrumentState state;
   Progress progress(Weights::total(options.choices.repeats));
   align_step(session, instrument, state, progress);
+  linearise_step(session, instrument, state, progress);
   calibrate_step(session, instrument, state, progress);
   verify_step(session, instrument, state, progress);
   progress.start("writing the report");
@@ -48,7 +49,7 @@ void commission(const Options& options) {
 }  // namespace
 
 double Weights::total(int repeats) {
-  return 3 * alignment + kBoardPoses * pose + solve +
+  return 3 * alignment + kFlatStacks * flat + kBoardPoses * pose + solve +
          static_cast<double>(verification_scenes().size()) * repeats * repeat + report;
 }
 
@@ -67,6 +68,10 @@ void add_commission(CLI::App& app) {
   command
       ->add_option("--theta", options->choices.theta_mrad, "Fringe angle to start from, mrad (default: the preset's)")
       ->check(CLI::Range(-1.5, 1.5));
+  command->add_flag("!--no-linearisation", options->choices.linearisation,
+                    "Verify without the phase linearisation, for comparison");
+  command->add_flag("!--no-stack-correction", options->choices.stack_correction,
+                    "Verify without the correction of each stack's step and lamp errors, for comparison");
   command->add_option("--repeats", options->choices.repeats, "Measurements of each artefact")->capture_default_str();
   command->add_flag("--json", options->json, "Print report.json instead of the table");
   command->footer("Example: fringecal commission --virtual --output ./commissioning --seed 7");

@@ -62,7 +62,6 @@ Iteration iteration_from(const Value& value, const std::string& file) {
 void align_step(const CommissionSession& session, virt::VirtualScanner& instrument, virt::InstrumentState& state,
                 Progress& progress) {
   const calib::GratingLayout layout{.pattern_pitch_mm = instrument.pattern_pitch_mm()};
-  const double period_mm = instrument.plan().x->period;
   std::vector<calib::AlignmentReading> history;
   double turn_before_mrad = 0;
   for (int i = 0; i < kMaxAlignments; ++i) {
@@ -75,16 +74,21 @@ void align_step(const CommissionSession& session, virt::VirtualScanner& instrume
     } else {
       progress.start(fmt::format("aligning the grating, capture {}", i + 1));
       const auto begin = std::chrono::steady_clock::now();
-      Capture capture = instrument.capture(instrument.standard_scene("alignment"), state, session.stack_seed(name));
-      write_capture(session.path(name), capture);
-      const auto measured = calib::measure_misalignment(capture, layout);
-      if (!measured) throw InputError(fmt::format("{}: {}", session.path(name).string(), measured.error().sentence));
-      history.push_back({measured->theta_rad, turn_before_mrad * 1e-3});
-      const auto step = calib::next_step(history, *measured, period_mm);
-      iteration = {1e3 * measured->theta_rad.value, 1e3 * measured->theta_rad.u, 1e3 * step.turn_rad,
+      const auto take = [&](int k) {
+        const std::string stack = k == 0 ? name : fmt::format("{}-more-{}", name, k);
+        Capture capture = instrument.capture(instrument.standard_scene("alignment"), state, session.stack_seed(stack));
+        write_capture(session.path(stack), capture);
+        return calib::measure_misalignment(capture, layout);
+      };
+      const auto reading = calib::read_setting(
+          take, history, {.turn_before_rad = 1e-3 * turn_before_mrad, .layout = layout, .code = *instrument.plan().x});
+      if (!reading) throw InputError(fmt::format("{}: {}", session.path(name).string(), reading.error().sentence));
+      const auto& [measured, step] = *reading;
+      history.push_back({measured.theta_rad, turn_before_mrad * 1e-3});
+      iteration = {1e3 * measured.theta_rad.value, 1e3 * measured.theta_rad.u, 1e3 * step.turn_rad,
                    calib::name_of(step.decision), step.sentence};
       const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - begin;
-      session.store(name + ".json", to_value(*measured, step, iteration.turn_mrad, duration.count()));
+      session.store(name + ".json", to_value(measured, step, iteration.turn_mrad, duration.count()));
       progress.done(Weights::alignment);
     }
     if (iteration.decision != calib::name_of(calib::AlignmentDecision::turn)) {

@@ -1,4 +1,4 @@
-// Step 2 of a commissioning: board poses, then camera and projector; and the paper's closed form fitted to them.
+// Step 3 of a commissioning: board poses, then camera and projector; and the paper's closed form fitted to them.
 #include "calib/board_detection.h"
 #include "calib/calibrate.h"
 #include "calib/fit_chen2008.h"
@@ -19,6 +19,7 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
   }
   const auto begin = std::chrono::steady_clock::now();
   const model::Board board = instrument.certified_board("chessboard");
+  const model::PhaseLinearisation linearisation = load_linearisation(session);
   std::vector<model::BoardObservation> observations;
   int width_px = 0, height_px = 0;
   Value poses = Value::array();
@@ -37,7 +38,7 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
     for (const auto& frame : capture.info.frames) provenance.inputs.emplace_back(name + "/" + frame.file, frame.sha256);
     width_px = capture.info.width_px;
     height_px = capture.info.height_px;
-    auto observation = calib::observe_board(capture, board, name);
+    auto observation = calib::observe_board(capture, board, name, &linearisation);
     Value pose = Value::object().set("name", name).set("used", observation.has_value());
     if (observation) {
       observations.push_back(std::move(*observation));
@@ -58,6 +59,7 @@ void calibrate_step(const CommissionSession& session, const virt::VirtualScanner
   if (!with_paper) throw InputError(fmt::format("{}: {}", folder, with_paper.error().sentence));
   model::Scanner& scanner = *with_paper;
   scanner.name = fmt::format("virtual {} seed {}", session.choices().preset, session.choices().seed);
+  scanner.linearisation = linearisation;
   scanner.provenance = provenance;
   model::write_scanner(session.path("scanner.json"), scanner);
   const std::chrono::duration<double> duration = std::chrono::steady_clock::now() - begin;

@@ -1,5 +1,6 @@
-// Step 3 of a commissioning: the paper's section 4. Plane, three spheres, cylinder, each ten times, through the full
+// Step 4 of a commissioning: the paper's section 4. Plane, three spheres, cylinder, each ten times, through the full
 // model, the paper's eqs. 1 to 20, and its ideal eqs. 1 to 17, both with the parameters fitted to the same scanner.
+#include "calib/decode/corrections.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -21,6 +22,11 @@ Value to_value(const metrology::ArtefactMeasurement& m) {
       .set("n_points", m.n_points)
       .set("n_grazing", m.n_grazing)
       .set("n_gross", m.n_gross);
+}
+
+decode::CorrectionOptions corrections_of(const CommissionChoices& choices) {
+  return {.linearisation = choices.linearisation ? decode::Correct::yes : decode::Correct::no,
+          .stack = choices.stack_correction ? decode::Correct::yes : decode::Correct::no};
 }
 
 }  // namespace
@@ -52,13 +58,15 @@ void verify_step(const CommissionSession& session, const virt::VirtualScanner& i
                                            session.stack_seed(name));
       // The frames of the first repeat stay beside the results; the others can be rendered again from the seed.
       if (repeat == 0) write_capture(session.path(name), capture);
-      const auto map = decode::decode_phase(capture, scanner.projector.main_axis());
+      const auto measured = decode::decode_for_measuring(capture, scanner.projector.main_axis(),
+                                                         scanner.linearisation ? &*scanner.linearisation : nullptr,
+                                                         corrections_of(session.choices()));
       Value models = Value::object(), u_calibration = Value::object();
       for (const auto& [model, word] : {std::pair(metrology::ReconstructionModel::full, "full"),
                                         std::pair(metrology::ReconstructionModel::chen2008, "chen2008"),
                                         std::pair(metrology::ReconstructionModel::ideal, "ideal")}) {
         const bool full = model == metrology::ReconstructionModel::full;
-        const auto cloud = metrology::reconstruct(map, scanner, {.model = model, .normals = false}).cloud;
+        const auto cloud = metrology::reconstruct(measured.map, scanner, {.model = model, .normals = false}).cloud;
         const auto found = metrology::measure_artefacts(cloud, scanner, scene.artefacts);
         if (!found) throw InputError(fmt::format("{} ({} model): {}", name, word, found.error().sentence));
         Value list = Value::array();
