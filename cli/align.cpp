@@ -1,13 +1,16 @@
 #include "calib/align.h"
 
+#include "calib/align_map.h"
 #include "calib/align_record.h"
 #include "cli/commands.h"
 #include "core/capture.h"
 #include "core/error.h"
 #include "core/file.h"
+#include "core/image_file.h"
 #include "hw/virtual/virtual_scanner.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
 #include <filesystem>
@@ -20,7 +23,8 @@ namespace fs = std::filesystem;
 constexpr int kMaxTurns = 8;
 
 struct Options {
-  std::string capture, axis = "x", record, output;
+  std::vector<std::string> captures;
+  std::string axis = "x", record, output;
   double pattern_pitch_mm = 0, tolerance = calib::AlignmentLoopOptions{}.tolerance_of_period, turned_mrad = 0;
   std::optional<double> mrad_per_division, theta_mrad;
   std::uint64_t seed = 1;
@@ -60,18 +64,25 @@ void print(const calib::AlignmentIteration& iteration) {
 }
 
 void align_capture(const Options& o) {
-  const Capture capture = read_capture(o.capture);
   const CodeAxis axis = o.axis == "x" ? CodeAxis::x : CodeAxis::y;
   calib::AlignmentHistory history;
   if (!o.record.empty() && fs::exists(o.record)) history = calib::read_record(o.record);
   if (o.turned_mrad != 0 && history.readings.empty()) {
     throw InputError("--turned needs the record of the capture before the turn; give it with --record");
   }
-  calib::AlignmentIteration iteration{.capture = o.capture, .turn_before_rad = 1e-3 * o.turned_mrad};
-  iteration.measured = measure(capture, o.capture, {.pattern_pitch_mm = o.pattern_pitch_mm}, axis);
+  const calib::GratingLayout layout{.pattern_pitch_mm = o.pattern_pitch_mm};
+  calib::AlignmentIteration iteration{.capture = fmt::format("{}", fmt::join(o.captures, ", ")),
+                                      .turn_before_rad = 1e-3 * o.turned_mrad};
+  std::vector<calib::Misalignment> stacks;
+  FringeCode code;
+  for (const auto& name : o.captures) {
+    const Capture capture = read_capture(name);
+    stacks.push_back(measure(capture, name, layout, axis));
+    code = *capture.info.plan.code(axis);
+  }
+  iteration.measured = stacks.size() == 1 ? stacks.front() : calib::average_of(stacks, layout, code);
   history.readings.push_back({iteration.measured.theta_rad, iteration.turn_before_rad});
-  const double period_mm = capture.info.plan.code(axis)->period;
-  iteration.step = calib::next_step(history.readings, iteration.measured, period_mm, loop_options(o));
+  iteration.step = calib::next_step(history.readings, iteration.measured, code.period, loop_options(o));
   if (!o.record.empty()) write_atomically(o.record, to_json(calib::record_of(history, iteration)));
   if (o.json) {
     fmt::print("{}", to_json(calib::to_value(iteration)));
@@ -100,7 +111,12 @@ void align_virtual(const Options& o) {
         const auto profile = calib::alignment_profile(capture, CodeAxis::x, capture.info.height_px / 2);
         write_atomically(folder.working() / fmt::format("profile-{}.json", i), to_json(calib::to_value(profile)));
       }
-      return calib::measure_misalignment(capture, layout);
+      auto one = calib::measure_misalignment(capture, layout);
+      if (k == 0 && one) {
+        write_atomically(folder.working() / fmt::format("delta-{}.tiff", i),
+                         encode_tiff(calib::delta_map_um(capture, *one, CodeAxis::x)));
+      }
+      return one;
     };
     const auto reading = calib::read_setting(take, readings,
                                              {.turn_before_rad = iteration.turn_before_rad,
@@ -134,7 +150,9 @@ void add_align(CLI::App& app) {
   auto* command = app.add_subcommand(
       "align", "Measure how far the grating's fringes are off the slide direction, and say how to turn the adjuster");
   auto o = std::make_shared<Options>();
-  auto* capture = command->add_option("capture", o->capture, "Capture folder of a flat board that fills the field");
+  auto* capture = command->add_option(
+      "captures", o->captures,
+      "Capture folder of a flat board that fills the field; several of one setting of the adjuster are averaged");
   auto* pitch = command
                     ->add_option("--pattern-pitch-mm", o->pattern_pitch_mm,
                                  "Distance of neighbouring patterns along the slide, from the grating's data sheet")
@@ -157,7 +175,8 @@ void add_align(CLI::App& app) {
   command->add_option("--seed", o->seed, "Virtual scanner: which instrument, and its noise")->capture_default_str();
   command->add_option("--theta", o->theta_mrad, "Virtual scanner: angle before the first turn, mrad (default 0.80)")
       ->check(CLI::Range(-3.0, 3.0));
-  command->add_option("-o,--output", o->output, "Virtual scanner: folder for alignment.json and the profiles");
+  command->add_option("-o,--output", o->output,
+                      "Virtual scanner: folder for alignment.json, the profiles and the maps of delta");
   command->add_flag("--json", o->json, "Print the result as JSON");
   command->footer(
       "Examples:\n  fringecal align captures/flat_1 --pattern-pitch-mm 12 --record alignment.json\n"
@@ -166,7 +185,7 @@ void add_align(CLI::App& app) {
   command->callback([o] {
     if (o->on_virtual) {
       align_virtual(*o);
-    } else if (!o->capture.empty()) {
+    } else if (!o->captures.empty()) {
       align_capture(*o);
     } else {
       throw InputError("align needs a capture folder with --pattern-pitch-mm, or --virtual");

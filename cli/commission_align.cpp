@@ -1,8 +1,11 @@
 // Step 1 of a commissioning: the paper's loop (b) to (e) on the virtual scanner's motorised adjuster.
 #include "calib/align_loop.h"
+#include "calib/align_map.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 #include "core/fields.h"
+#include "core/file.h"
+#include "core/image_file.h"
 
 #include <fmt/format.h>
 
@@ -74,16 +77,21 @@ void align_step(const CommissionSession& session, virt::VirtualScanner& instrume
     } else {
       progress.start(fmt::format("aligning the grating, capture {}", i + 1));
       const auto begin = std::chrono::steady_clock::now();
+      Capture first;
       const auto take = [&](int k) {
         const std::string stack = k == 0 ? name : fmt::format("{}-more-{}", name, k);
         Capture capture = instrument.capture(instrument.standard_scene("alignment"), state, session.stack_seed(stack));
         write_capture(session.path(stack), capture);
-        return calib::measure_misalignment(capture, layout);
+        auto one = calib::measure_misalignment(capture, layout);
+        if (k == 0) first = std::move(capture);
+        return one;
       };
       const auto reading = calib::read_setting(
           take, history, {.turn_before_rad = 1e-3 * turn_before_mrad, .layout = layout, .code = *instrument.plan().x});
       if (!reading) throw InputError(fmt::format("{}: {}", session.path(name).string(), reading.error().sentence));
       const auto& [measured, step] = *reading;
+      write_atomically(session.path(name + "-delta.tiff"),
+                       encode_tiff(calib::delta_map_um(first, measured, CodeAxis::x)));
       history.push_back({measured.theta_rad, turn_before_mrad * 1e-3});
       iteration = {1e3 * measured.theta_rad.value, 1e3 * measured.theta_rad.u, 1e3 * step.turn_rad,
                    calib::name_of(step.decision), step.sentence};

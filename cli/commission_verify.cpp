@@ -24,6 +24,15 @@ Value to_value(const metrology::ArtefactMeasurement& m) {
       .set("n_gross", m.n_gross);
 }
 
+Value corrections_value(const decode::MeasuringMap& map) {
+  Value out = Value::object().set("linearised", map.linearised).set("words", decode::words_for(map));
+  if (map.stack) {
+    out.set("one_cycle_mrad", 1e3 * std::abs(map.stack->ellipse.offset))
+        .set("two_cycles_mrad", 1e3 * std::abs(map.stack->ellipse.conjugate));
+  }
+  return out;
+}
+
 decode::CorrectionOptions corrections_of(const CommissionChoices& choices) {
   return {.linearisation = choices.linearisation ? decode::Correct::yes : decode::Correct::no,
           .stack = choices.stack_correction ? decode::Correct::yes : decode::Correct::no};
@@ -86,6 +95,7 @@ void verify_step(const CommissionSession& session, const virt::VirtualScanner& i
       session.store(name + ".json", Value::object()
                                         .set("models", models)
                                         .set("u_calibration_mm", u_calibration)
+                                        .set("corrections", corrections_value(measured))
                                         .set("duration_s", duration.count()));
       progress.done(Weights::repeat);
     }

@@ -33,7 +33,7 @@ Capture stack_of(const virt::VirtualScanner& instrument, const virt::SeenScene& 
   return out;
 }
 
-struct Run {
+struct AlignmentRun {
   double start_rad = 0, end_rad = 0;
   int turns = 0;
   AlignmentDecision decision = AlignmentDecision::turn;
@@ -41,14 +41,14 @@ struct Run {
   std::vector<double> truths_rad;
 };
 
-Run align(unsigned seed) {
+AlignmentRun align(unsigned seed) {
   std::mt19937_64 random(7919 * seed);
   const double theta = std::uniform_real_distribution<double>(-1.5, 1.5)(random);
   const virt::VirtualScanner instrument("chen2008", seed, {.theta_mrad = theta});
   const GratingLayout layout{.pattern_pitch_mm = instrument.pattern_pitch_mm()};
   virt::InstrumentState state;
   const auto seen = instrument.see(instrument.standard_scene("alignment"), state);
-  Run run{.start_rad = 1e-3 * theta};
+  AlignmentRun run{.start_rad = 1e-3 * theta};
   std::vector<AlignmentReading> history;
   double turn_rad = 0;
   for (int i = 0; i < 6; ++i) {
@@ -84,7 +84,7 @@ TEST(AlignmentOnTheVirtualScanner, EndsWithinTwentyMicroradAfterTwoTurnsWithHone
   std::vector<int> turns;
   int within = 0, disagreements = 0, readings = 0;
   for (unsigned seed = 1; seed <= seeds; ++seed) {
-    const Run run = align(seed);
+    const AlignmentRun run = align(seed);
     within += std::abs(run.end_rad) <= 0.02e-3 ? 1 : 0;
     turns.push_back(run.turns);
     EXPECT_EQ(run.decision, AlignmentDecision::aligned) << seed;

@@ -7,6 +7,7 @@
 
 #include <Eigen/Dense>
 
+#include <array>
 #include <cmath>
 
 namespace fringecal::test {
@@ -30,27 +31,48 @@ inline Image<double> true_phase(const virt::VirtualScanner& instrument, const vi
   return out;
 }
 
-/// Amplitudes of 1, 2, 4 cycles per period of (map - truth) in a rectangle of the picture, rad; what is smooth (a
-/// quadratic in x and y) goes with it.
-inline Eigen::Vector3d periodic_error(const decode::PhaseMap& map, const Image<double>& truth,
-                                      std::array<int, 4> x0_y0_x1_y1) {
+struct PeriodicError {
+  Eigen::Vector3d amplitude_rad = Eigen::Vector3d::Zero();  // of 1, 2 and 4 cycles per period
+  double scatter = 0;                                       // rms of what is left, in units of the map's own u(phi)
+};
+
+/// (map - truth) in a rectangle of the picture, every second column; what is smooth (a quadratic in x and y) is fitted
+/// with the ripples.
+inline PeriodicError periodic_error(const decode::PhaseMap& map, const Image<double>& truth,
+                                    std::array<int, 4> x0_y0_x1_y1) {
   using Vector = Eigen::Matrix<double, 12, 1>;
-  Eigen::Matrix<double, 12, 12> normal = Eigen::Matrix<double, 12, 12>::Zero();
-  Vector right = Vector::Zero();
   const auto [x0, y0, x1, y1] = x0_y0_x1_y1;
-  for (int y = y0; y < y1; ++y) {
-    for (int x = x0; x < x1; ++x) {
-      if (!map.valid(x, y)) continue;
-      const double phi = truth(x, y), s = 2.0 * (x - x0) / (x1 - x0) - 1, t = 2.0 * (y - y0) / (y1 - y0) - 1;
-      Vector f;
-      f << 1, s, t, s * s, s * t, t * t, std::cos(phi), std::sin(phi), std::cos(2 * phi), std::sin(2 * phi),
-          std::cos(4 * phi), std::sin(4 * phi);
-      normal += f * f.transpose();
-      right += f * (map.phase_rad(x, y) - phi);
+  const auto terms = [&, x0 = x0, y0 = y0, x1 = x1, y1 = y1](int x, int y) {
+    const double phi = truth(x, y), s = 2.0 * (x - x0) / (x1 - x0) - 1, t = 2.0 * (y - y0) / (y1 - y0) - 1;
+    Vector f;
+    f << 1, s, t, s * s, s * t, t * t, std::cos(phi), std::sin(phi), std::cos(2 * phi), std::sin(2 * phi),
+        std::cos(4 * phi), std::sin(4 * phi);
+    return f;
+  };
+  Eigen::Matrix<double, 12, 12> normal = Eigen::Matrix<double, 12, 12>::Zero();
+  Vector right = Vector::Zero(), a = Vector::Zero();
+  PeriodicError out;
+  double sum = 0, n = 0;
+  for (const bool solved : {false, true}) {
+    for (int y = y0; y < y1; ++y) {
+      for (int x = x0; x < x1; x += 2) {
+        if (!map.valid(x, y)) continue;
+        const Vector f = terms(x, y);
+        const double error = map.phase_rad(x, y) - truth(x, y);
+        if (solved) {
+          sum += std::pow((error - f.dot(a)) / map.u_phase_rad(x, y), 2);
+          n += 1;
+        } else {
+          normal.selfadjointView<Eigen::Lower>().rankUpdate(f);
+          right += f * error;
+        }
+      }
     }
+    if (!solved) a = normal.selfadjointView<Eigen::Lower>().ldlt().solve(right);
   }
-  const Vector a = normal.ldlt().solve(right);
-  return {std::hypot(a[6], a[7]), std::hypot(a[8], a[9]), std::hypot(a[10], a[11])};
+  out.amplitude_rad = {std::hypot(a[6], a[7]), std::hypot(a[8], a[9]), std::hypot(a[10], a[11])};
+  out.scatter = std::sqrt(sum / n);
+  return out;
 }
 
 }  // namespace fringecal::test
