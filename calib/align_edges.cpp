@@ -212,6 +212,8 @@ void add_edges(const Line& line, EdgeSegment& segment) {
       const int quarter = std::max(2, static_cast<int>(0.25 * here.period_px));
       const int half = std::clamp(static_cast<int>(0.1 * here.period_px), 1, 8);
       if (x - quarter + 1 < first || x + quarter > last || x + 0.5 - previous_x < here.period_px / 2) continue;
+      // Eq. 2 needs the whole period around the edge inside the picture.
+      if (x < 0.5 * here.period_px || x + 1 + 0.5 * here.period_px > static_cast<double>(G.size() - 1)) continue;
       double before = 0, after = 0;
       for (int d = 0; d < quarter; ++d) {
         before += D(x - d) / quarter;

@@ -24,7 +24,7 @@ constexpr int kMaxTurns = 8;
 
 struct Options {
   std::vector<std::string> captures;
-  std::string axis = "x", record, output;
+  std::string axis = "x", order = "gray-first", record, output;
   double pattern_pitch_mm = 0, tolerance = calib::AlignmentLoopOptions{}.tolerance_of_period, turned_mrad = 0;
   std::optional<double> mrad_per_division, theta_mrad;
   std::uint64_t seed = 1;
@@ -35,6 +35,15 @@ calib::AlignmentLoopOptions loop_options(const Options& o) {
   calib::AlignmentLoopOptions loop{.tolerance_of_period = o.tolerance, .rad_per_division = std::nullopt};
   if (o.mrad_per_division) loop.rad_per_division = 1e-3 * *o.mrad_per_division;
   return loop;
+}
+
+/// Slots by the order of the patterns along the slide.
+calib::GratingLayout layout_of(const Options& o, const std::optional<FringeCode>& code) {
+  calib::GratingLayout layout{.pattern_pitch_mm = o.pattern_pitch_mm};
+  if (o.order == "gray-first" || !code) return layout;
+  for (int k = 0; k < code->phase_steps; ++k) layout.phase_slots.push_back(k);
+  for (int b = 0; b < code->gray_bits; ++b) layout.gray_slots.push_back(code->phase_steps + b);
+  return layout;
 }
 
 calib::Misalignment measure(const Capture& capture, const std::string& name, const calib::GratingLayout& layout,
@@ -70,13 +79,14 @@ void align_capture(const Options& o) {
   if (o.turned_mrad != 0 && history.readings.empty()) {
     throw InputError("--turned needs the record of the capture before the turn; give it with --record");
   }
-  const calib::GratingLayout layout{.pattern_pitch_mm = o.pattern_pitch_mm};
+  calib::GratingLayout layout;
   calib::AlignmentIteration iteration{.capture = fmt::format("{}", fmt::join(o.captures, ", ")),
                                       .turn_before_rad = 1e-3 * o.turned_mrad};
   std::vector<calib::Misalignment> stacks;
   FringeCode code;
   for (const auto& name : o.captures) {
     const Capture capture = read_capture(name);
+    layout = layout_of(o, capture.info.plan.code(axis));
     stacks.push_back(measure(capture, name, layout, axis));
     code = *capture.info.plan.code(axis);
   }
@@ -160,6 +170,9 @@ void add_align(CLI::App& app) {
   capture->needs(pitch);
   command->add_option("--axis", o->axis, "Axis of the code across the slide")
       ->check(CLI::IsMember({"x", "y"}))
+      ->capture_default_str();
+  command->add_option("--order", o->order, "Patterns along the slide: Gray patterns first, or phase patterns first")
+      ->check(CLI::IsMember({"gray-first", "phase-first"}))
       ->capture_default_str();
   command->add_option(
       "--record", o->record,

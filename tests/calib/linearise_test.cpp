@@ -2,6 +2,7 @@
 #include "calib/linearise.h"
 
 #include "core/file.h"
+#include "tests/calib/alignment_frames.h"
 #include "tests/calib/flat_board_truth.h"
 #include "tests/support/temporary_folder.h"
 
@@ -48,9 +49,10 @@ TEST(Corrections, LeaveTwoMilliradOfEachPeriodicErrorOnAFlatBoard) {
     const auto after = periodic_error(on.map, truth, {0, 0, 1392, 1040});
     Eigen::Vector3d worst = Eigen::Vector3d::Zero();
     double least_scatter = 10, most_scatter = 0;
+    // 24 px of margin: the coded field ends at the picture's left, and the blur mixes its edge into a few columns.
     for (int j = 0; j < 3; ++j) {
       for (int i = 0; i < 4; ++i) {
-        const auto tile = periodic_error(on.map, truth, {348 * i, 346 * j, 348 * (i + 1), 346 * (j + 1)});
+        const auto tile = periodic_error(on.map, truth, {24 + 336 * i, 24 + 330 * j, 360 + 336 * i, 354 + 330 * j});
         worst = worst.cwiseMax(tile.amplitude_rad);
         least_scatter = std::min(least_scatter, tile.scatter);
         most_scatter = std::max(most_scatter, tile.scatter);
@@ -89,6 +91,42 @@ TEST(Corrections, EachTakesAwayItsOwnErrorAndLeavesTheOther) {
   EXPECT_GT(only_stack[2], 10e-3);
   EXPECT_LE(only_table[2], 0.5e-3);
   EXPECT_GT(only_table.head<2>().maxCoeff(), 0.5e-3);
+}
+
+// Steps displaced by e_k: q = (i / 4) sum (-1)^k e_k to first order (stack_errors.h, eq. 2), here i 6.5 mrad. u = 0.01
+// sqrt(2 / 46000) = 0.07 mrad of noise, and 0.3 mrad for the second order and the third harmonic.
+TEST(StackErrors, ShowTheStepsOfEitherGratingWithFewOrManyBitsAlongEitherAxis) {
+  for (const int bits : {5, 7, 10}) {
+    for (const int stripes : {1, 2}) {
+      for (const CodeAxis axis : {CodeAxis::x, CodeAxis::y}) {
+        test::GratingCase c{.gray_bits = bits, .stripes_per_period = stripes, .axis = axis};
+        if (bits == 5 && stripes == 2) c.pixels_per_period = 60;
+        const double e_mrad[4] = {10, -6, 3, -7};
+        c.placement_mm.assign(static_cast<std::size_t>(bits + 4), 0.0);
+        double expected_mrad = 0;
+        for (int k = 0; k < 4; ++k) {
+          c.placement_mm[static_cast<std::size_t>(bits + k)] = 1e-3 * e_mrad[k] * c.period_mm / (2 * std::numbers::pi);
+          expected_mrad += (k % 2 == 0 ? 0.25 : -0.25) * e_mrad[k];
+        }
+        const Capture capture = test::misaligned_capture(c);
+        const auto errors = decode::estimate_stack_errors(capture, decode::decode_phase(capture, axis));
+        ASSERT_TRUE(errors) << errors.error().sentence;
+        EXPECT_NEAR(1e3 * errors->ellipse.conjugate.imag(), expected_mrad, 0.5) << bits << " bits, " << stripes;
+        EXPECT_NEAR(1e3 * errors->ellipse.conjugate.real(), 0.0, 0.5) << bits << " bits, " << stripes;
+        EXPECT_NEAR(1e3 * std::abs(errors->ellipse.offset), 0.0, 0.7) << bits << " bits, " << stripes;
+      }
+    }
+  }
+}
+
+TEST(StackErrors, AreRefusedWhereTooFewPixelsShowThem) {
+  const Capture capture = test::misaligned_capture({.length = 60, .lines = 10});
+  const auto errors = decode::estimate_stack_errors(capture, decode::decode_phase(capture, CodeAxis::x));
+  ASSERT_FALSE(errors);
+  EXPECT_THAT(errors.error().sentence, HasSubstr("pixels have a whole period"));
+  const auto map = decode::decode_for_measuring(capture, CodeAxis::x, nullptr);
+  EXPECT_FALSE(map.stack);
+  EXPECT_FALSE(map.remarks.empty());
 }
 
 TEST(Corrections, ServeASceneThatIsMostlyEmptyAndOneWithABoldTexture) {
