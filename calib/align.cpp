@@ -2,6 +2,7 @@
 
 #include "calib/align_edges.h"
 #include "calib/align_jumps.h"
+#include "calib/align_steps.h"
 
 #include <fmt/format.h>
 #include <Eigen/Dense>
@@ -15,11 +16,6 @@ namespace fringecal::calib {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-// A plane leaves the wraps of a line within 0.003 periods of a cubic (projective terms of 4th order); 0.03 is reached
-// by a bump of about half a millimetre at the default geometry.
-constexpr double kMaxNonflatness = 0.03;
-constexpr double kMinCovered = 0.5;
-constexpr double kMaxSaturated = 0.05;
 constexpr int kMinEdges = 20;
 constexpr int kBlocks = 16;
 
@@ -77,38 +73,6 @@ const FringeCode& checked_code(const Capture& capture, const GratingLayout& layo
   return *code;
 }
 
-std::optional<std::string> defect_of(const EdgeMap& map, const Capture& capture) {
-  const double limit = EdgeOptions{}.min_modulation_8bit * std::ldexp(1.0, capture.info.bits - 8);
-  if (map.saturated > kMaxSaturated) {
-    return fmt::format("{:.0f} % of the pixels are saturated in a phase frame (at most {:.0f} %): expose less",
-                       100 * map.saturated, 100 * kMaxSaturated);
-  }
-  if (map.covered < kMinCovered) {
-    if (map.median_modulation < limit && map.covered < 0.1) {
-      return fmt::format(
-          "the modulation is {:.1f} grey levels (median; {:.0f} are needed): more light, a white board, or an "
-          "angle of the grating so far off that the phase steps cancel",
-          map.median_modulation, limit);
-    }
-    return fmt::format(
-        "only {:.0f} % of the picture shows fringes of at least {:.0f} grey levels ({:.0f} % are needed): the "
-        "board is partly out of the field, too small or too dark",
-        100 * map.covered, limit, 100 * kMinCovered);
-  }
-  if (map.segments.empty()) return std::string("no row shows six periods of the fringes in a run");
-  std::vector<double> nonflat;
-  for (const auto& s : map.segments) nonflat.push_back(s.nonflatness_periods);
-  const double typical = median(nonflat);
-  const auto curved = std::count_if(nonflat.begin(), nonflat.end(), [](double n) { return n > kMaxNonflatness; });
-  if (typical > kMaxNonflatness || static_cast<double>(curved) > 0.25 * static_cast<double>(nonflat.size())) {
-    return fmt::format(
-        "the board is not flat: the fringes depart by {:.3f} periods rms from those of a plane in the middle one "
-        "of {} rows, and {} rows are beyond the limit of {:.3f}; put a flat board into the field",
-        typical, nonflat.size(), curved, kMaxNonflatness);
-  }
-  return std::nullopt;
-}
-
 /// delta_F-1 - delta_F in periods, from the edges of the two finest bits alone: edges of F stand at odd, those of F-1
 /// at even numbers of periods, so their difference is known modulo two periods.
 std::optional<double> difference_of_finest(const EdgeMap& map, int finest) {
@@ -152,6 +116,45 @@ double u_of_median(const std::vector<LineDelta>& deltas, int lines) {
   return std::sqrt(sum / (n - 1) / n);
 }
 
+/// Eq. 5 by least squares through the medians of blocks of lines, each kind of edge about its own median; takes the tilt
+/// off the deltas.
+Uncertain take_off_tilt(std::vector<LineDelta> (&kinds)[2], int lines) {
+  struct Block {
+    double t, delta;
+  };
+  std::vector<Block> points;
+  for (const auto& kind : kinds) {
+    if (static_cast<int>(kind.size()) < kMinEdges / 2) continue;
+    std::vector<std::vector<double>> blocks(kBlocks);
+    std::vector<double> all;
+    for (const auto& d : kind) {
+      blocks[static_cast<std::size_t>(static_cast<long>(d.line) * kBlocks / lines)].push_back(d.delta_periods);
+      all.push_back(d.delta_periods);
+    }
+    const double middle = median(all);
+    for (int b = 0; b < kBlocks; ++b) {
+      if (!blocks[b].empty()) points.push_back({(b + 0.5) / kBlocks - 0.5, median(blocks[b]) - middle});
+    }
+  }
+  const double n = static_cast<double>(points.size());
+  double t = 0, d = 0, tt = 0, td = 0, rest = 0;
+  for (const auto& p : points) {
+    t += p.t / n;
+    d += p.delta / n;
+  }
+  for (const auto& p : points) {
+    tt += (p.t - t) * (p.t - t);
+    td += (p.t - t) * (p.delta - d);
+  }
+  if (n < 6 || !(tt > 0.1)) return {0.0, 0.0};  // too short a stretch of lines to tell a slope
+  const double slope = td / tt;
+  for (const auto& p : points) rest += std::pow(p.delta - d - slope * (p.t - t), 2);
+  for (auto& kind : kinds) {
+    for (auto& e : kind) e.delta_periods -= slope * ((e.line + 0.5) / lines - 0.5);
+  }
+  return {slope, std::sqrt(rest / (n - 2) / tt)};
+}
+
 struct Measured {
   BitMisalignment bit;
   bool both_kinds = false;
@@ -168,6 +171,8 @@ Measured measure_bit(const EdgeMap& map, int bit, double predicted_periods, doub
     }
   }
   Measured out;
+  const Uncertain tilt = take_off_tilt(kinds, map.lines);
+  out.bit.tilt_mm = {tilt.value * period_mm, tilt.u * period_mm};
   out.bit.bit = bit;
   out.bit.n_edges = static_cast<int>(kinds[0].size() + kinds[1].size());
   out.both_kinds = kinds[0].size() >= kMinEdges / 2 && kinds[1].size() >= kMinEdges / 2;
@@ -202,38 +207,48 @@ struct AngleFit {
   Uncertain theta;
   double chi2_per_dof = 0;
   int dof = 0;
+  Eigen::VectorXd weights;  // sin(theta) = weights . delta
+  double u_noise = 0;       // of theta.u, without the patterns' places
 };
 
-/// Covariance of the deltas of the bits by the patterns' places, mm^2: T cov(e) T^T of eq. 4.
-Eigen::MatrixXd placement_covariance(const std::vector<Measured>& bits, const Slots& slots,
-                                     const GratingLayout& layout) {
+/// cov(e) of eq. 4, mm^2, for the places of the bits used and then of the phase steps; delta = L sin(theta) + T e.
+struct Places {
+  Eigen::MatrixXd covariance, T;
+  double slide2 = 0;  // the part of the diagonal that is new in every stack
+  Eigen::MatrixXd of_deltas() const { return T * covariance * T.transpose(); }
+};
+
+Places places_of(const std::vector<BitMisalignment>& bits, const Slots& slots, const GratingLayout& layout,
+                 int stacks) {
   std::vector<double> place_mm;  // along the slide: the bits used, then the phase steps
-  for (const auto& m : bits) place_mm.push_back(slots.gray[m.bit.bit] * layout.pattern_pitch_mm);
+  for (const auto& b : bits) place_mm.push_back(slots.gray[b.bit] * layout.pattern_pitch_mm);
   for (const double slot : slots.phase_steps) place_mm.push_back(slot * layout.pattern_pitch_mm);
   const auto [first, last] = std::minmax_element(place_mm.begin(), place_mm.end());
   const double smooth_mm = std::max((*last - *first) / 3.0, layout.pattern_pitch_mm);
   const auto n = static_cast<Eigen::Index>(place_mm.size()), n_bits = static_cast<Eigen::Index>(bits.size());
+  const double slide2 = layout.u_slide_mm * layout.u_slide_mm / stacks;
   Eigen::MatrixXd e(n, n), T = Eigen::MatrixXd::Zero(n_bits, n);
   for (Eigen::Index i = 0; i < n; ++i) {
     for (Eigen::Index j = 0; j < n; ++j) {
       const double t = (place_mm[i] - place_mm[j]) / smooth_mm;
       e(i, j) = layout.straightness_mm * layout.straightness_mm / 7.0 * std::exp(-0.5 * t * t);
     }
-    e(i, i) += layout.u_placement_mm * layout.u_placement_mm;
+    e(i, i) += layout.u_lithography_mm * layout.u_lithography_mm + slide2;
   }
   T.leftCols(n_bits).setIdentity();
   for (std::size_t k = 0; k < slots.weights.size(); ++k) {
     T.col(n_bits + static_cast<Eigen::Index>(k)).setConstant(-slots.weights[k]);
   }
-  return T * e * T.transpose();
+  return {e, T, slide2};
 }
 
 /// Eq. 4 by generalised least squares.
-AngleFit fit_angle(const std::vector<Measured>& bits, Eigen::MatrixXd covariance) {
+AngleFit fit_angle(const std::vector<BitMisalignment>& bits, const Places& places) {
+  Eigen::MatrixXd covariance = places.of_deltas();
   const auto n = static_cast<Eigen::Index>(bits.size());
   Eigen::VectorXd L(n), delta(n);
   for (Eigen::Index i = 0; i < n; ++i) {
-    const BitMisalignment& bit = bits[static_cast<std::size_t>(i)].bit;
+    const BitMisalignment& bit = bits[static_cast<std::size_t>(i)];
     L[i] = bit.lever_mm;
     delta[i] = bit.delta_mm.value;
     covariance(i, i) += bit.u_noise_mm * bit.u_noise_mm;
@@ -241,7 +256,10 @@ AngleFit fit_angle(const std::vector<Measured>& bits, Eigen::MatrixXd covariance
   const Eigen::LLT<Eigen::MatrixXd> V(covariance);
   const Eigen::VectorXd weights = V.solve(L);
   const double information = L.dot(weights), sine = weights.dot(delta) / information;
-  AngleFit fit{.theta = {std::asin(sine), 1.0 / std::sqrt(information)}};
+  AngleFit fit{.theta = {std::asin(sine), 1.0 / std::sqrt(information)}, .weights = weights / information};
+  for (Eigen::Index i = 0; i < n; ++i) {
+    fit.u_noise = std::hypot(fit.u_noise, fit.weights[i] * bits[static_cast<std::size_t>(i)].u_noise_mm);
+  }
   const Eigen::VectorXd residual = delta - L * sine;
   fit.dof = static_cast<int>(n) - 1;
   fit.chi2_per_dof = fit.dof > 0 ? residual.dot(V.solve(residual)) / fit.dof : 0.0;
@@ -254,11 +272,8 @@ double chi2_limit(int dof) {
   return std::pow(1.0 - t + 3.09 * std::sqrt(t), 3.0);
 }
 
-void add_jump_figures(const Capture& capture, CodeAxis axis, Misalignment& result) {
-  decode::DecodeOptions plain;
-  plain.edges = decode::EdgeRule::plain;
-  const auto map = decode::decode_phase(capture, axis, plain);
-  const auto jumps = count_jumps(map);
+void add_jump_figures(const decode::PhaseMap& plain, Misalignment& result) {
+  const auto jumps = count_jumps(plain);
   if (!jumps) {
     result.remarks.push_back("no whole-pixel figure: " + jumps.error().sentence);
     return;
@@ -270,6 +285,87 @@ void add_jump_figures(const Capture& capture, CodeAxis axis, Misalignment& resul
       bit.period_px = jump.period_px;
     }
   }
+}
+
+/// Whether the witness (its angle and noise already in `result`) agrees.
+void judge_steps(const Slots& slots, const GratingLayout& layout, const AngleFit& fit, const Places& places,
+                 Misalignment& result) {
+  if (!result.theta_from_steps_rad) return;
+  const std::vector<double> v = step_weights(layout.pattern_pitch_mm, slots.phase_steps);
+  Eigen::VectorXd of_steps = Eigen::VectorXd::Zero(places.covariance.rows());
+  const auto n_steps = static_cast<Eigen::Index>(v.size());
+  for (Eigen::Index k = 0; k < n_steps; ++k) {
+    of_steps[of_steps.size() - n_steps + k] = v[static_cast<std::size_t>(k)];
+  }
+  const Eigen::VectorXd between = of_steps - places.T.transpose() * fit.weights;
+  const auto u_with = [&](const Eigen::VectorXd& weights, double u) {
+    return std::sqrt(weights.dot(places.covariance * weights) + u * u);
+  };
+  Uncertain& steps = *result.theta_from_steps_rad;
+  steps.u = u_with(of_steps, result.u_steps_noise_rad);
+  result.u_difference_rad = u_with(between, std::hypot(result.u_steps_noise_rad, fit.u_noise));
+  const double difference = steps.value - result.theta_rad.value;
+  if (std::abs(difference) > 3 * result.u_difference_rad) {
+    result.remarks.push_back(fmt::format(
+        "the phase steps' own ripple tells another angle, {:+.3f} mrad, than the Gray edges, {:+.3f} mrad: they differ "
+        "by {:.1f} standard uncertainties; check the layout of the patterns, and that nothing moved during the capture",
+        1e3 * steps.value, 1e3 * result.theta_rad.value, std::abs(difference) / result.u_difference_rad));
+  }
+}
+
+/// What the bits determine and what they leave open.
+std::string scope_of(const Misalignment& result, const GratingLayout& layout) {
+  const auto [shortest, longest] =
+      std::minmax_element(result.bits.begin(), result.bits.end(),
+                          [](const auto& a, const auto& b) { return std::abs(a.lever_mm) < std::abs(b.lever_mm); });
+  return fmt::format(
+      "{} bits, {:.0f} to {:.0f} mm from the phase patterns, determine the angle to {:.4f} mrad; {:.4f} mrad "
+      "of it come from the frames and the slide and get less with more captures, the rest is where the patterns stand "
+      "on the glass and on the slide's path ({:.2f} and {:.2f} um, from the layout): of these places the captures tell "
+      "only "
+      "the scatter about one angle",
+      result.bits.size(), std::abs(shortest->lever_mm), std::abs(longest->lever_mm), 1e3 * result.theta_rad.u,
+      1e3 * result.u_noise_rad, 1e3 * layout.u_lithography_mm, 1e3 * layout.straightness_mm);
+}
+
+/// Eq. 4 for the deltas in `result`: theta, its parts, the witness, what is open.
+void solve(Misalignment& result, const Slots& slots, const GratingLayout& layout, double period_mm) {
+  auto& bits = result.bits;
+  const Places places = places_of(bits, slots, layout, result.stacks);
+  const Eigen::MatrixXd covariance = places.of_deltas();
+  AngleFit fit = fit_angle(bits, places);
+  if (bits.size() == 1) {
+    result.remarks.push_back(
+        "one bit only: what the patterns' placement errors do and what the angle does cannot be told apart");
+  } else if (fit.chi2_per_dof > chi2_limit(fit.dof)) {
+    const double widening = std::sqrt(fit.chi2_per_dof);
+    fit.theta.u *= widening;
+    result.remarks.push_back(
+        fmt::format("the bits contradict one angle beyond chance (chi2/dof {:.1f}): the uncertainty is "
+                    "widened {:.1f} times; check the layout of the patterns and their placement",
+                    fit.chi2_per_dof, widening));
+  }
+  result.theta_rad = fit.theta;
+  result.chi2_per_dof = fit.chi2_per_dof;
+  result.u_noise_rad = std::hypot(fit.u_noise, std::sqrt(places.slide2) * (places.T.transpose() * fit.weights).norm());
+  for (std::size_t i = 0; i < bits.size(); ++i) {
+    const auto diagonal = static_cast<Eigen::Index>(i);
+    bits[i].delta_mm.u = std::sqrt(bits[i].u_noise_mm * bits[i].u_noise_mm + covariance(diagonal, diagonal));
+  }
+  std::sort(bits.begin(), bits.end(), [](const auto& a, const auto& b) { return a.bit > b.bit; });
+  const double lever = bits.front().lever_mm;
+  result.delta_mm = {lever * std::sin(fit.theta.value), std::abs(lever) * fit.theta.u};
+  result.fraction_of_period = result.delta_mm.value / period_mm;
+  result.remarks.push_back(scope_of(result, layout));
+  for (const auto& bit : bits) {
+    // Beyond chance, and no less than the places of single patterns scatter.
+    if (std::abs(bit.tilt_mm.value) <= 4 * bit.tilt_mm.u || std::abs(bit.tilt_mm.value) < layout.u_slide_mm) continue;
+    result.remarks.push_back(
+        fmt::format("delta of bit {} grows by {:+.2f} um along the fringes: that pattern lies askew on the grating, or "
+                    "the slide yaws",
+                    bit.bit, 1e3 * bit.tilt_mm.value));
+  }
+  judge_steps(slots, layout, fit, places, result);
 }
 
 }  // namespace
@@ -338,33 +434,58 @@ Result<Misalignment> measure_misalignment(const Capture& capture, const GratingL
     if (!m.both_kinds) m.bit.u_noise_mm = std::hypot(m.bit.u_noise_mm, u_threshold_mm);
   }
 
-  const Eigen::MatrixXd covariance = placement_covariance(bits, slots, layout);
-  AngleFit fit = fit_angle(bits, covariance);
-  if (bits.size() == 1) {
-    result.remarks.push_back(
-        "one bit only: what the patterns' placement errors do and what the angle does cannot be told apart");
-  } else if (fit.chi2_per_dof > chi2_limit(fit.dof)) {
-    const double widening = std::sqrt(fit.chi2_per_dof);
-    fit.theta.u *= widening;
-    result.remarks.push_back(
-        fmt::format("the bits contradict one angle beyond chance (chi2/dof {:.1f}): the uncertainty is "
-                    "widened {:.1f} times; check the layout of the patterns and their placement",
-                    fit.chi2_per_dof, widening));
+  for (const auto& m : bits) result.bits.push_back(m.bit);
+  const auto plain = decode::decode_phase(capture, axis, {.edges = decode::EdgeRule::plain});
+  add_jump_figures(plain, result);
+  const auto steps = angle_from_steps(plain, layout.pattern_pitch_mm, slots.phase_steps);
+  if (steps) {
+    result.theta_from_steps_rad = steps->theta_rad;
+    result.u_steps_noise_rad = steps->theta_rad.u;
+  } else {
+    result.remarks.push_back("no second angle from the phase steps: " + steps.error().sentence);
   }
-  result.theta_rad = fit.theta;
-  result.chi2_per_dof = fit.chi2_per_dof;
-  for (std::size_t i = 0; i < bits.size(); ++i) {
-    BitMisalignment& bit = bits[i].bit;
-    const auto diagonal = static_cast<Eigen::Index>(i);
-    bit.delta_mm.u = std::sqrt(bit.u_noise_mm * bit.u_noise_mm + covariance(diagonal, diagonal));
-    result.bits.push_back(bit);
-  }
-  std::sort(result.bits.begin(), result.bits.end(), [](const auto& a, const auto& b) { return a.bit > b.bit; });
-  const double lever = result.bits.front().lever_mm;
-  result.delta_mm = {lever * std::sin(fit.theta.value), std::abs(lever) * fit.theta.u};
-  result.fraction_of_period = result.delta_mm.value / code.period;
-  add_jump_figures(capture, axis, result);
+  solve(result, slots, layout, code.period);
   return result;
+}
+
+Misalignment average_of(std::span<const Misalignment> stacks, const GratingLayout& layout, const FringeCode& code) {
+  require(!stacks.empty(), "an average is over at least one stack");
+  Misalignment out = stacks.front();
+  out.stacks = static_cast<int>(stacks.size());
+  const double n = static_cast<double>(stacks.size());
+  std::erase_if(out.bits, [&](const BitMisalignment& bit) {
+    return std::any_of(stacks.begin(), stacks.end(), [&](const Misalignment& m) {
+      return std::none_of(m.bits.begin(), m.bits.end(), [&](const auto& other) { return other.bit == bit.bit; });
+    });
+  });
+  require(!out.bits.empty(), "the stacks to average have a bit in common");
+  for (BitMisalignment& bit : out.bits) {
+    BitMisalignment sum{.bit = bit.bit, .lever_mm = bit.lever_mm, .jump_px = bit.jump_px, .period_px = bit.period_px};
+    for (const Misalignment& m : stacks) {
+      const auto one = std::find_if(m.bits.begin(), m.bits.end(), [&](const auto& b) { return b.bit == bit.bit; });
+      sum.delta_mm.value += one->delta_mm.value / n;
+      sum.fraction_of_period += one->fraction_of_period / n;
+      sum.rising_mm += one->rising_mm / n;
+      sum.falling_mm += one->falling_mm / n;
+      sum.u_noise_mm = std::hypot(sum.u_noise_mm, one->u_noise_mm / n);
+      sum.tilt_mm = {sum.tilt_mm.value + one->tilt_mm.value / n, std::hypot(sum.tilt_mm.u, one->tilt_mm.u / n)};
+      sum.n_edges += one->n_edges;
+    }
+    bit = sum;
+  }
+  out.remarks = {fmt::format("mean of {} captures", stacks.size())};
+  out.theta_from_steps_rad = Uncertain{};
+  out.u_steps_noise_rad = 0;
+  for (const Misalignment& m : stacks) {
+    if (!m.theta_from_steps_rad) {
+      out.theta_from_steps_rad.reset();
+      break;
+    }
+    out.theta_from_steps_rad->value += m.theta_from_steps_rad->value / n;
+    out.u_steps_noise_rad = std::hypot(out.u_steps_noise_rad, m.u_steps_noise_rad / n);
+  }
+  solve(out, slots_of(code, layout), layout, code.period);
+  return out;
 }
 
 AlignmentProfile alignment_profile(const Capture& capture, CodeAxis axis, int row) {

@@ -2,6 +2,7 @@
 
 #include "core/parallel.h"
 
+#include <fmt/format.h>
 #include <Eigen/Dense>
 
 #include <algorithm>
@@ -12,6 +13,11 @@ namespace fringecal::calib {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
+// A plane leaves the wraps of a line within 0.003 periods of a cubic (projective terms of 4th order); 0.03 is reached
+// by a bump of about half a millimetre at the default geometry.
+constexpr double kMaxNonflatness = 0.03;
+constexpr double kMinCovered = 0.5;
+constexpr double kMaxSaturated = 0.05;
 
 /// One line of every frame that takes part, and what follows from it pixel by pixel.
 struct Line {
@@ -206,6 +212,8 @@ void add_edges(const Line& line, EdgeSegment& segment) {
       const int quarter = std::max(2, static_cast<int>(0.25 * here.period_px));
       const int half = std::clamp(static_cast<int>(0.1 * here.period_px), 1, 8);
       if (x - quarter + 1 < first || x + quarter > last || x + 0.5 - previous_x < here.period_px / 2) continue;
+      // Eq. 2 needs the whole period around the edge inside the picture.
+      if (x < 0.5 * here.period_px || x + 1 + 0.5 * here.period_px > static_cast<double>(G.size() - 1)) continue;
       double before = 0, after = 0;
       for (int d = 0; d < quarter; ++d) {
         before += D(x - d) / quarter;
@@ -253,6 +261,12 @@ std::vector<EdgeSegment> segments_of(const Line& line, int number, const EdgeOpt
   return out;
 }
 
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
 }  // namespace
 
 EdgeMap find_edges(const Capture& capture, CodeAxis axis, const EdgeOptions& options) {
@@ -294,6 +308,38 @@ EdgeMap find_edges(const Capture& capture, CodeAxis axis, const EdgeOptions& opt
   map.covered = usable / pixels;
   map.saturated = saturated / pixels;
   return map;
+}
+
+std::optional<std::string> defect_of(const EdgeMap& map, const Capture& capture) {
+  const double limit = EdgeOptions{}.min_modulation_8bit * std::ldexp(1.0, capture.info.bits - 8);
+  if (map.saturated > kMaxSaturated) {
+    return fmt::format("{:.0f} % of the pixels are saturated in a phase frame (at most {:.0f} %): expose less",
+                       100 * map.saturated, 100 * kMaxSaturated);
+  }
+  if (map.covered < kMinCovered) {
+    if (map.median_modulation < limit && map.covered < 0.1) {
+      return fmt::format(
+          "the modulation is {:.1f} grey levels (median; {:.0f} are needed): more light, a white board, or an "
+          "angle of the grating so far off that the phase steps cancel",
+          map.median_modulation, limit);
+    }
+    return fmt::format(
+        "only {:.0f} % of the picture shows fringes of at least {:.0f} grey levels ({:.0f} % are needed): the "
+        "board is partly out of the field, too small or too dark",
+        100 * map.covered, limit, 100 * kMinCovered);
+  }
+  if (map.segments.empty()) return std::string("no row shows six periods of the fringes in a run");
+  std::vector<double> nonflat;
+  for (const auto& s : map.segments) nonflat.push_back(s.nonflatness_periods);
+  const double typical = median(nonflat);
+  const auto curved = std::count_if(nonflat.begin(), nonflat.end(), [](double n) { return n > kMaxNonflatness; });
+  if (typical > kMaxNonflatness || static_cast<double>(curved) > 0.25 * static_cast<double>(nonflat.size())) {
+    return fmt::format(
+        "the board is not flat: the fringes depart by {:.3f} periods rms from those of a plane in the middle one "
+        "of {} rows, and {} rows are beyond the limit of {:.3f}; put a flat board into the field",
+        typical, nonflat.size(), curved, kMaxNonflatness);
+  }
+  return std::nullopt;
 }
 
 }  // namespace fringecal::calib

@@ -16,6 +16,8 @@
 
 #include "core/capture.h"
 
+#include <optional>
+#include <string>
 #include <vector>
 
 namespace fringecal::calib {
@@ -54,5 +56,8 @@ struct EdgeOptions {
 
 /// The capture must have Gray bits and phase patterns along the axis (std::logic_error).
 EdgeMap find_edges(const Capture& capture, CodeAxis axis, const EdgeOptions& options = {});
+
+/// Why this is no flat board that fills the field, well lit: the rest of a sentence that begins with the capture.
+std::optional<std::string> defect_of(const EdgeMap& map, const Capture& capture);
 
 }  // namespace fringecal::calib

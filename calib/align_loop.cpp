@@ -1,5 +1,7 @@
 #include "calib/align_loop.h"
 
+#include "core/error.h"
+
 #include <fmt/format.h>
 #include <Eigen/Dense>
 
@@ -125,6 +127,31 @@ AlignmentStep next_step(std::span<const AlignmentReading> history, const Misalig
   step.turn_rad = turn;
   step.sentence = fmt::format("{}: {}", words_for(turn, options), state);
   return step;
+}
+
+Result<SettingReading> read_setting(const std::function<Result<Misalignment>(int i)>& take,
+                                    std::span<const AlignmentReading> history, const SettingOptions& options) {
+  std::vector<Misalignment> stacks;
+  std::vector<AlignmentReading> readings(history.begin(), history.end());
+  readings.emplace_back();
+  for (int i = 0;; ++i) {
+    auto one = take(i);
+    if (!one) return tl::unexpected(one.error());
+    stacks.push_back(std::move(*one));
+    SettingReading out{
+        .measured = stacks.size() == 1 ? stacks.front() : average_of(stacks, options.layout, options.code), .step = {}};
+    readings.back() = {out.measured.theta_rad, options.turn_before_rad};
+    out.step = next_step(readings, out.measured, options.code.period, options.loop);
+    if (out.step.decision != AlignmentDecision::needs_more_frames) return out;
+    if (i + 1 < options.loop.max_captures) continue;
+    const double stays = std::sqrt(std::max(0.0, out.measured.theta_rad.u * out.measured.theta_rad.u -
+                                                     out.measured.u_noise_rad * out.measured.u_noise_rad));
+    out.step.sentence += fmt::format(
+        " ({} were averaged; {:.4f} mrad of u = {:.4f} mrad would stay with any number: a tolerance below that cannot "
+        "be proved on this grating)",
+        stacks.size(), 1e3 * stays, 1e3 * out.measured.theta_rad.u);
+    return out;
+  }
 }
 
 }  // namespace fringecal::calib

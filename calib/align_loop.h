@@ -17,6 +17,7 @@
 
 #include "calib/align.h"
 
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -34,6 +35,7 @@ struct AlignmentLoopOptions {
   double u_gain = 0.05;                    // prior of g about 1: adjusters are good to some per cent
   double backlash_rad = 3e-5;              // prior of beta and its standard uncertainty
   std::optional<double> rad_per_division;  // of the adjuster's scale, for the operator's words
+  int max_captures = 8;                    // at one setting: the slide's share of u falls to a third
 };
 
 enum class AlignmentDecision { aligned, turn, not_improving, needs_more_frames };
@@ -54,5 +56,23 @@ struct AlignmentStep {
 /// The next step after the readings so far (at least one), the last being `latest`. period_mm: p.
 AlignmentStep next_step(std::span<const AlignmentReading> history, const Misalignment& latest, double period_mm,
                         const AlignmentLoopOptions& options = {});
+
+/// A setting of the adjuster, read with as many captures as it takes: while the step says needs_more_frames, another
+/// capture is taken and all of the setting are averaged, up to options.max_captures. Where that does not decide, the
+/// decision stays needs_more_frames and the sentence says how much of u further captures could still take away.
+struct SettingReading {
+  Misalignment measured;
+  AlignmentStep step;
+};
+
+struct SettingOptions {
+  double turn_before_rad = 0;
+  GratingLayout layout;
+  FringeCode code;
+  AlignmentLoopOptions loop = {};
+};
+/// take(i): the i-th capture at this setting, measured. history: the readings of the settings before this one.
+Result<SettingReading> read_setting(const std::function<Result<Misalignment>(int i)>& take,
+                                    std::span<const AlignmentReading> history, const SettingOptions& options);
 
 }  // namespace fringecal::calib

@@ -25,14 +25,21 @@ Value to_value(const Misalignment& m) {
                     .set("rising_um", 1e3 * b.rising_mm)
                     .set("falling_um", 1e3 * b.falling_mm)
                     .set("lever_mm", b.lever_mm)
+                    .set("tilt_um", 1e3 * b.tilt_mm.value)
+                    .set("u_tilt_um", 1e3 * b.tilt_mm.u)
                     .set("n_edges", b.n_edges)
                     .set("jump_px", b.jump_px)
                     .set("period_px", b.period_px));
   }
   for (const auto& remark : m.remarks) remarks.append(remark);
-  return Value::object()
-      .set("theta_mrad", 1e3 * m.theta_rad.value)
-      .set("u_theta_mrad", 1e3 * m.theta_rad.u)
+  Value out = Value::object().set("theta_mrad", 1e3 * m.theta_rad.value).set("u_theta_mrad", 1e3 * m.theta_rad.u);
+  if (m.theta_from_steps_rad) {
+    out.set("theta_from_steps_mrad", 1e3 * m.theta_from_steps_rad->value)
+        .set("u_theta_from_steps_mrad", 1e3 * m.theta_from_steps_rad->u)
+        .set("u_difference_mrad", 1e3 * m.u_difference_rad);
+  }
+  return out.set("u_noise_mrad", 1e3 * m.u_noise_rad)
+      .set("captures_averaged", m.stacks)
       .set("delta_um", 1e3 * m.delta_mm.value)
       .set("u_delta_um", 1e3 * m.delta_mm.u)
       .set("delta_bit", m.bits.empty() ? Value() : Value(m.bits.front().bit))

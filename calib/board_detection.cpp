@@ -200,7 +200,7 @@ Image<float> texture_of(const Capture& capture) {
 }
 
 Result<model::BoardObservation> observe_board(const Capture& capture, const model::Board& board,
-                                              const std::string& name) {
+                                              const std::string& name, const model::PhaseLinearisation* table) {
   const Image<float> texture = texture_of(capture);
   // 16 bit keep the fractions of the mean: the full scale of the camera becomes the full scale of 16 bit.
   Image16 picture(texture.width(), texture.height());
@@ -213,7 +213,8 @@ Result<model::BoardObservation> observe_board(const Capture& capture, const mode
   observation->name = name;
   for (const CodeAxis axis : {CodeAxis::x, CodeAxis::y}) {
     if (!capture.info.plan.code(axis)) continue;
-    add_projector_coordinates(*observation, decode::decode_phase(capture, axis));
+    const auto* own = table && table->axis == axis ? table : nullptr;
+    add_projector_coordinates(*observation, decode::decode_for_measuring(capture, axis, own).map);
   }
   std::size_t coded = 0;
   for (const auto& c : observation->corners) coded += c.x || c.y ? 1 : 0;

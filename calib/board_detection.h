@@ -1,7 +1,7 @@
 // Finding a calibration board in a camera image, and the projector coordinate of each of its corners.
 #pragma once
 
-#include "calib/decode/decode.h"
+#include "calib/decode/corrections.h"
 #include "calib/model/board.h"
 #include "calib/model/scanner.h"
 #include "core/result.h"
@@ -28,9 +28,11 @@ void add_projector_coordinates(model::BoardObservation& observation, const decod
 /// Picture of a capture without fringes: mean of the phase frames; else white; else the mean of all frames.
 Image<float> texture_of(const Capture& capture);
 
-/// texture_of, detect_board, decode on every coded axis, add_projector_coordinates.
+/// texture_of, detect_board, decode on every coded axis with the corrections of decode/corrections.h (table: where it
+/// was measured, for its axis), add_projector_coordinates.
 Result<model::BoardObservation> observe_board(const Capture& capture, const model::Board& board,
-                                              const std::string& name);
+                                              const std::string& name,
+                                              const model::PhaseLinearisation* table = nullptr);
 
 /// A capture in which the board could not be used, and the sentence why.
 struct DroppedPose {
@@ -48,6 +50,7 @@ struct BoardViews {
 
 /// Reads the captures one after the other; observe_board for each. Throws InputError where a capture cannot be read, or
 /// where its image size or code differs from the first one's.
-BoardViews observe_captures(std::span<const std::filesystem::path> folders, const model::Board& board);
+BoardViews observe_captures(std::span<const std::filesystem::path> folders, const model::Board& board,
+                            const model::PhaseLinearisation* table = nullptr);
 
 }  // namespace fringecal::calib

@@ -31,7 +31,8 @@ std::vector<std::string> names_of(std::span<const std::filesystem::path> folders
 
 }  // namespace
 
-BoardViews observe_captures(std::span<const std::filesystem::path> folders, const model::Board& board) {
+BoardViews observe_captures(std::span<const std::filesystem::path> folders, const model::Board& board,
+                            const model::PhaseLinearisation* table) {
   BoardViews out;
   const std::vector<std::string> names = names_of(folders);
   for (std::size_t i = 0; i < folders.size(); ++i) {
@@ -52,7 +53,7 @@ BoardViews observe_captures(std::span<const std::filesystem::path> folders, cons
                                    folders[i].string(), folders[0].string()));
     }
     out.inputs.emplace_back(names[i], sha256_of_file(folders[i] / "capture.json"));
-    auto observation = observe_board(capture, board, names[i]);
+    auto observation = observe_board(capture, board, names[i], table);
     if (observation) {
       out.observations.push_back(std::move(*observation));
     } else {

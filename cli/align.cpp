@@ -1,13 +1,16 @@
 #include "calib/align.h"
 
+#include "calib/align_map.h"
 #include "calib/align_record.h"
 #include "cli/commands.h"
 #include "core/capture.h"
 #include "core/error.h"
 #include "core/file.h"
+#include "core/image_file.h"
 #include "hw/virtual/virtual_scanner.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
 #include <filesystem>
@@ -20,7 +23,8 @@ namespace fs = std::filesystem;
 constexpr int kMaxTurns = 8;
 
 struct Options {
-  std::string capture, axis = "x", record, output;
+  std::vector<std::string> captures;
+  std::string axis = "x", order = "gray-first", record, output;
   double pattern_pitch_mm = 0, tolerance = calib::AlignmentLoopOptions{}.tolerance_of_period, turned_mrad = 0;
   std::optional<double> mrad_per_division, theta_mrad;
   std::uint64_t seed = 1;
@@ -31,6 +35,15 @@ calib::AlignmentLoopOptions loop_options(const Options& o) {
   calib::AlignmentLoopOptions loop{.tolerance_of_period = o.tolerance, .rad_per_division = std::nullopt};
   if (o.mrad_per_division) loop.rad_per_division = 1e-3 * *o.mrad_per_division;
   return loop;
+}
+
+/// Slots by the order of the patterns along the slide.
+calib::GratingLayout layout_of(const Options& o, const std::optional<FringeCode>& code) {
+  calib::GratingLayout layout{.pattern_pitch_mm = o.pattern_pitch_mm};
+  if (o.order == "gray-first" || !code) return layout;
+  for (int k = 0; k < code->phase_steps; ++k) layout.phase_slots.push_back(k);
+  for (int b = 0; b < code->gray_bits; ++b) layout.gray_slots.push_back(code->phase_steps + b);
+  return layout;
 }
 
 calib::Misalignment measure(const Capture& capture, const std::string& name, const calib::GratingLayout& layout,
@@ -51,23 +64,35 @@ void print(const calib::AlignmentIteration& iteration) {
   }
   fmt::print("  theta = {:+.4f} mrad, u = {:.4f} mrad (chi2/dof {:.2f})\n", 1e3 * m.theta_rad.value,
              1e3 * m.theta_rad.u, m.chi2_per_dof);
+  if (m.theta_from_steps_rad) {
+    fmt::print("  from the phase steps alone: {:+.4f} mrad, u = {:.4f} mrad\n", 1e3 * m.theta_from_steps_rad->value,
+               1e3 * m.theta_from_steps_rad->u);
+  }
   for (const auto& remark : m.remarks) fmt::print("  remark: {}\n", remark);
   fmt::print("  {}\n", iteration.step.sentence);
 }
 
 void align_capture(const Options& o) {
-  const Capture capture = read_capture(o.capture);
   const CodeAxis axis = o.axis == "x" ? CodeAxis::x : CodeAxis::y;
   calib::AlignmentHistory history;
   if (!o.record.empty() && fs::exists(o.record)) history = calib::read_record(o.record);
   if (o.turned_mrad != 0 && history.readings.empty()) {
     throw InputError("--turned needs the record of the capture before the turn; give it with --record");
   }
-  calib::AlignmentIteration iteration{.capture = o.capture, .turn_before_rad = 1e-3 * o.turned_mrad};
-  iteration.measured = measure(capture, o.capture, {.pattern_pitch_mm = o.pattern_pitch_mm}, axis);
+  calib::GratingLayout layout;
+  calib::AlignmentIteration iteration{.capture = fmt::format("{}", fmt::join(o.captures, ", ")),
+                                      .turn_before_rad = 1e-3 * o.turned_mrad};
+  std::vector<calib::Misalignment> stacks;
+  FringeCode code;
+  for (const auto& name : o.captures) {
+    const Capture capture = read_capture(name);
+    layout = layout_of(o, capture.info.plan.code(axis));
+    stacks.push_back(measure(capture, name, layout, axis));
+    code = *capture.info.plan.code(axis);
+  }
+  iteration.measured = stacks.size() == 1 ? stacks.front() : calib::average_of(stacks, layout, code);
   history.readings.push_back({iteration.measured.theta_rad, iteration.turn_before_rad});
-  const double period_mm = capture.info.plan.code(axis)->period;
-  iteration.step = calib::next_step(history.readings, iteration.measured, period_mm, loop_options(o));
+  iteration.step = calib::next_step(history.readings, iteration.measured, code.period, loop_options(o));
   if (!o.record.empty()) write_atomically(o.record, to_json(calib::record_of(history, iteration)));
   if (o.json) {
     fmt::print("{}", to_json(calib::to_value(iteration)));
@@ -89,14 +114,29 @@ void align_virtual(const Options& o) {
   std::vector<calib::AlignmentReading> readings;
   double turn_mrad = 0;
   for (int i = 0; i <= kMaxTurns; ++i) {
-    const Capture capture = instrument.capture(scene, state, o.seed * 1000 + static_cast<std::uint64_t>(i));
-    calib::AlignmentIteration iteration{.capture = fmt::format("stack {}", i), .turn_before_rad = 1e-3 * turn_mrad};
-    iteration.measured = measure(capture, iteration.capture, layout, CodeAxis::x);
+    calib::AlignmentIteration iteration{.capture = fmt::format("setting {}", i), .turn_before_rad = 1e-3 * turn_mrad};
+    const auto take = [&](int k) {
+      const Capture capture = instrument.capture(scene, state, o.seed * 1000 + static_cast<std::uint64_t>(20 * i + k));
+      if (k == 0) {
+        const auto profile = calib::alignment_profile(capture, CodeAxis::x, capture.info.height_px / 2);
+        write_atomically(folder.working() / fmt::format("profile-{}.json", i), to_json(calib::to_value(profile)));
+      }
+      auto one = calib::measure_misalignment(capture, layout);
+      if (k == 0 && one) {
+        write_atomically(folder.working() / fmt::format("delta-{}.tiff", i),
+                         encode_tiff(calib::delta_map_um(capture, *one, CodeAxis::x)));
+      }
+      return one;
+    };
+    const auto reading = calib::read_setting(take, readings,
+                                             {.turn_before_rad = iteration.turn_before_rad,
+                                              .layout = layout,
+                                              .code = *instrument.plan().x,
+                                              .loop = loop_options(o)});
+    if (!reading) throw InputError(fmt::format("{}: {}", iteration.capture, reading.error().sentence));
+    iteration.measured = reading->measured;
+    iteration.step = reading->step;
     readings.push_back({iteration.measured.theta_rad, iteration.turn_before_rad});
-    iteration.step = calib::next_step(readings, iteration.measured, instrument.plan().x->period, loop_options(o));
-    write_atomically(
-        folder.working() / fmt::format("profile-{}.json", i),
-        to_json(calib::to_value(calib::alignment_profile(capture, CodeAxis::x, capture.info.height_px / 2))));
     iterations.push_back(iteration);
     if (!o.json) print(iteration);
     if (iteration.step.decision != calib::AlignmentDecision::turn) break;
@@ -120,7 +160,9 @@ void add_align(CLI::App& app) {
   auto* command = app.add_subcommand(
       "align", "Measure how far the grating's fringes are off the slide direction, and say how to turn the adjuster");
   auto o = std::make_shared<Options>();
-  auto* capture = command->add_option("capture", o->capture, "Capture folder of a flat board that fills the field");
+  auto* capture = command->add_option(
+      "captures", o->captures,
+      "Capture folder of a flat board that fills the field; several of one setting of the adjuster are averaged");
   auto* pitch = command
                     ->add_option("--pattern-pitch-mm", o->pattern_pitch_mm,
                                  "Distance of neighbouring patterns along the slide, from the grating's data sheet")
@@ -128,6 +170,9 @@ void add_align(CLI::App& app) {
   capture->needs(pitch);
   command->add_option("--axis", o->axis, "Axis of the code across the slide")
       ->check(CLI::IsMember({"x", "y"}))
+      ->capture_default_str();
+  command->add_option("--order", o->order, "Patterns along the slide: Gray patterns first, or phase patterns first")
+      ->check(CLI::IsMember({"gray-first", "phase-first"}))
       ->capture_default_str();
   command->add_option(
       "--record", o->record,
@@ -143,7 +188,8 @@ void add_align(CLI::App& app) {
   command->add_option("--seed", o->seed, "Virtual scanner: which instrument, and its noise")->capture_default_str();
   command->add_option("--theta", o->theta_mrad, "Virtual scanner: angle before the first turn, mrad (default 0.80)")
       ->check(CLI::Range(-3.0, 3.0));
-  command->add_option("-o,--output", o->output, "Virtual scanner: folder for alignment.json and the profiles");
+  command->add_option("-o,--output", o->output,
+                      "Virtual scanner: folder for alignment.json, the profiles and the maps of delta");
   command->add_flag("--json", o->json, "Print the result as JSON");
   command->footer(
       "Examples:\n  fringecal align captures/flat_1 --pattern-pitch-mm 12 --record alignment.json\n"
@@ -152,7 +198,7 @@ void add_align(CLI::App& app) {
   command->callback([o] {
     if (o->on_virtual) {
       align_virtual(*o);
-    } else if (!o->capture.empty()) {
+    } else if (!o->captures.empty()) {
       align_capture(*o);
     } else {
       throw InputError("align needs a capture folder with --pattern-pitch-mm, or --virtual");

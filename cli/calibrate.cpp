@@ -1,6 +1,7 @@
 #include "calib/calibrate.h"
 #include "calib/board_detection.h"
 #include "calib/fit_chen2008.h"
+#include "calib/linearise.h"
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -18,7 +19,7 @@ namespace {
 using calib::DistortionTerms;
 
 struct Options {
-  std::vector<std::filesystem::path> captures;
+  std::vector<std::filesystem::path> captures, flat;
   std::string board, output;
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;
@@ -115,9 +116,23 @@ void print_text(const Options& options, const model::Scanner& s, const std::vect
   fmt::print("  {}\n", s.method);
 }
 
+/// The phase linearisation from captures of a flat board; absent where none are given.
+std::optional<model::PhaseLinearisation> linearisation_from(const std::vector<std::filesystem::path>& flat) {
+  std::optional<calib::LinearisationFit> fit;
+  for (const auto& folder : flat) {
+    const Capture capture = read_capture(folder);
+    if (!fit) fit.emplace(capture.info.plan.x ? CodeAxis::x : CodeAxis::y);
+    const auto added = fit->add(capture, folder.string(), sha256_of_file(folder / "capture.json"));
+    if (!added) throw InputError(added.error().sentence);
+  }
+  return fit ? std::optional(fit->table()) : std::nullopt;
+}
+
 void run(const Options& options) {
   const model::Board board = model::read_board(options.board);
-  calib::BoardViews views = calib::observe_captures(options.captures, board);
+  const auto linearisation = linearisation_from(options.flat);
+  calib::BoardViews views =
+      calib::observe_captures(options.captures, board, linearisation ? &*linearisation : nullptr);
   const int needed = std::max(3, options.min_poses);
   if (static_cast<int>(views.observations.size()) < needed) {
     std::string sentence = fmt::format("the board is found in {} of {} captures; at least {} are needed",
@@ -135,6 +150,7 @@ void run(const Options& options) {
   how.working_distance_mm = options.working_distance_mm;
   auto scanner = calib::calibrate(views.observations, board, views.width_px, views.height_px, views.plan, how);
   if (!scanner) throw InputError(fmt::format("{}: {}", options.board, scanner.error().sentence));
+  scanner->linearisation = linearisation;
   scanner->name = std::filesystem::path(options.output).stem().string();
   scanner->provenance.inputs = views.inputs;
   scanner->provenance.inputs.emplace_back("board", sha256_of_file(options.board));
@@ -188,10 +204,14 @@ void add_calibrate(CLI::App& app) {
       ->check(CLI::PositiveNumber);
   command->add_option("--min-poses", options->min_poses, "Refuse with fewer poses than this (at least 3)")
       ->check(CLI::Range(3, 1000));
+  command->add_option("--flat", options->flat,
+                      "Captures of a plain flat board on the aligned instrument: the phase linearisation, kept in the "
+                      "Scanner file and used by measure, is measured on them");
   command->add_flag("--flat-board", options->flat_board, "Take the board as flat instead of estimating its bow");
   command->add_flag("--json", options->json, "Print the summary as JSON");
   command->footer(
       "Example: fringecal calibrate captures/board_* --board board.toml --pixel-mm 0.00645 -o scanner.json\n"
+      "         fringecal calibrate captures/board_* --flat captures/flat_* --board board.toml -o scanner.json\n"
       "A board file: kind = \"chessboard\"  columns = 9  rows = 7  pitch_mm = 30");
   command->callback([options] { run(*options); });
 }

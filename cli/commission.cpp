@@ -35,6 +35,7 @@ void commission(const Options& options) {
   CommissionScanner instrument(session, options.scanner, interrupt.token());
   Progress progress(Weights::total(options.choices.repeats));
   align_step(session, instrument, progress);
+  linearise_step(session, instrument, progress);
   calibrate_step(session, instrument, progress);
   verify_step(session, instrument, progress);
   instrument.check_stop();
@@ -50,7 +51,7 @@ void commission(const Options& options) {
 }  // namespace
 
 double Weights::total(int repeats) {
-  return 3 * alignment + kBoardPoses * pose + solve +
+  return 3 * alignment + kFlatStacks * flat + kBoardPoses * pose + solve +
          static_cast<double>(verification_scenes().size()) * repeats * repeat + report;
 }
 
@@ -69,6 +70,10 @@ void add_commission(CLI::App& app) {
   command
       ->add_option("--theta", options->choices.theta_mrad, "Fringe angle to start from, mrad (default: the preset's)")
       ->check(CLI::Range(-1.5, 1.5));
+  command->add_flag("!--no-linearisation", options->choices.linearisation,
+                    "Verify without the phase linearisation, for comparison");
+  command->add_flag("!--no-stack-correction", options->choices.stack_correction,
+                    "Verify without the correction of each stack's step and lamp errors, for comparison");
   command->add_option("--repeats", options->choices.repeats, "Measurements of each artefact")->capture_default_str();
   auto* in_process = command->add_flag("--in-process", options->scanner.in_process,
                                        "Without a second process and its protocols; the results are the same");

@@ -1,8 +1,11 @@
 // Step 1 of a commissioning: the paper's loop (b) to (e) on a motorised adjuster.
+#include "calib/align_map.h"
 #include "calib/align_record.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 #include "core/fields.h"
+#include "core/file.h"
+#include "core/image_file.h"
 
 #include <fmt/format.h>
 
@@ -29,7 +32,6 @@ Iteration iteration_from(const Value& value, const std::string& file) {
 
 void align_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
   const calib::GratingLayout layout{.pattern_pitch_mm = instrument.sheet().pattern_pitch_mm()};
-  const double period_mm = instrument.sheet().plan().x->period;
   calib::AlignmentHistory history;
   double duration_s = 0, turn_before_mrad = 0;
   if (session.has(kRecord)) {
@@ -42,14 +44,23 @@ void align_step(const CommissionSession& session, CommissionScanner& instrument,
       const Stopwatch watch;
       const std::string name = fmt::format("alignment/iteration-{}", i);
       progress.start(fmt::format("aligning the grating, capture {}", i + 1));
-      const Capture capture = instrument.capture(name, "alignment");
-      const auto measured = calib::measure_misalignment(capture, layout);
-      if (!measured) throw InputError(fmt::format("{}: {}", session.path(name).string(), measured.error().sentence));
-      history.readings.push_back({measured->theta_rad, turn_before_mrad * 1e-3});
+      Capture first;
+      const auto take = [&](int k) {
+        Capture capture = instrument.capture(k == 0 ? name : fmt::format("{}-more-{}", name, k), "alignment");
+        auto one = calib::measure_misalignment(capture, layout);
+        if (k == 0) first = std::move(capture);
+        return one;
+      };
+      const auto reading = calib::read_setting(
+          take, history.readings,
+          {.turn_before_rad = 1e-3 * turn_before_mrad, .layout = layout, .code = *instrument.sheet().plan().x});
+      if (!reading) throw InputError(fmt::format("{}: {}", session.path(name).string(), reading.error().sentence));
+      write_atomically(session.path(name + "-delta.tiff"),
+                       encode_tiff(calib::delta_map_um(first, reading->measured, CodeAxis::x)));
       const calib::AlignmentIteration latest{.capture = name,
-                                             .turn_before_rad = turn_before_mrad * 1e-3,
-                                             .measured = *measured,
-                                             .step = calib::next_step(history.readings, *measured, period_mm)};
+                                             .turn_before_rad = 1e-3 * turn_before_mrad,
+                                             .measured = reading->measured,
+                                             .step = reading->step};
       session.store(kDuration, Value::object().set("duration_s", duration_s += watch.seconds()));
       session.store(kRecord, calib::record_of(history, latest));
       history = calib::read_record(session.path(kRecord));  // a run that is continued starts from the same digits

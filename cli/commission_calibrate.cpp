@@ -1,4 +1,4 @@
-// Step 2 of a commissioning: board poses, then camera and projector; and the paper's closed form fitted to them.
+// Step 3 of a commissioning: board poses, then camera and projector; and the paper's closed form fitted to them.
 #include "calib/board_detection.h"
 #include "calib/calibrate.h"
 #include "calib/fit_chen2008.h"
@@ -17,6 +17,7 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   const Stopwatch watch;
   const virt::VirtualScanner& sheet = instrument.sheet();
   const model::Board board = sheet.certified_board("chessboard");
+  const model::PhaseLinearisation linearisation = load_linearisation(session);
   std::vector<model::BoardObservation> observations;
   int width_px = 0, height_px = 0;
   Value poses = Value::array();
@@ -28,7 +29,7 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
     for (const auto& frame : capture.info.frames) provenance.inputs.emplace_back(name + "/" + frame.file, frame.sha256);
     width_px = capture.info.width_px;
     height_px = capture.info.height_px;
-    auto observation = calib::observe_board(capture, board, name);
+    auto observation = calib::observe_board(capture, board, name, &linearisation);
     Value pose = Value::object().set("name", name).set("used", observation.has_value());
     if (observation) {
       observations.push_back(std::move(*observation));
@@ -50,6 +51,7 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   if (!with_paper) throw InputError(fmt::format("{}: {}", folder, with_paper.error().sentence));
   model::Scanner& scanner = *with_paper;
   scanner.name = fmt::format("virtual {} seed {}", session.choices().preset, session.choices().seed);
+  scanner.linearisation = linearisation;
   scanner.provenance = provenance;
   model::write_scanner(session.path("scanner.json"), scanner);
   session.store("calibration/poses.json", Value::object().set("poses", poses).set("duration_s", watch.seconds()));

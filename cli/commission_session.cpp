@@ -27,6 +27,8 @@ Value to_value(const CommissionChoices& c) {
                   .set("preset", c.preset)
                   .set("seed", std::to_string(c.seed))
                   .set("repeats", c.repeats)
+                  .set("linearisation", c.linearisation)
+                  .set("stack_correction", c.stack_correction)
                   .set("program_version", kProgramVersion);
   if (c.theta_mrad) out.set("theta_mrad", *c.theta_mrad);
   return out;
@@ -37,6 +39,8 @@ void refuse_other_choices(const fs::path& file, const CommissionChoices& now) {
   f.expect_schema(kSchema, 1);
   const std::string preset = f.text("preset"), seed = f.text("seed"), version = f.text("program_version");
   const int repeats = f.integer("repeats");
+  const bool linearisation = f.optional_boolean("linearisation").value_or(true);
+  const bool stack_correction = f.optional_boolean("stack_correction").value_or(true);
   const auto theta = f.optional_number("theta_mrad");
   f.finish();
   const auto differs = [&](const std::string& what, const std::string& then, const std::string& today) {
@@ -51,6 +55,9 @@ void refuse_other_choices(const fs::path& file, const CommissionChoices& now) {
   differs("seed", seed, std::to_string(now.seed));
   differs("repeats", std::to_string(repeats), std::to_string(now.repeats));
   differs("theta", word(theta), word(now.theta_mrad));
+  const auto on = [](bool is) { return is ? "on" : "off"; };
+  differs("phase linearisation", on(linearisation), on(now.linearisation));
+  differs("stack correction", on(stack_correction), on(now.stack_correction));
   differs("program version", version, kProgramVersion);
 }
 
@@ -82,8 +89,8 @@ CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& c
                                  folder_.string()));
   }
   if (begun && fresh) {
-    for (const char* part : {"alignment", "calibration", "verification", "report.html", "report.json", "scanner.json",
-                             "scanner.toml", "truth.json"}) {
+    for (const char* part : {"alignment", "linearisation", "linearisation.json", "calibration", "verification",
+                             "report.html", "report.json", "scanner.json", "scanner.toml", "truth.json"}) {
       fs::remove_all(folder_ / part, error);
       if (error) {
         throw EnvironmentError(

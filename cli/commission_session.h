@@ -19,6 +19,7 @@ struct CommissionChoices {
   std::uint64_t seed = 1;
   std::optional<double> theta_mrad;  // fringe angle to start from; absent: the preset's
   int repeats = 10;
+  bool linearisation = true, stack_correction = true;  // in the verification; false for comparison only
 };
 
 class CommissionSession {

@@ -2,6 +2,8 @@
 // session.
 //   alignment/iteration-N/     Capture of the flat board
 //   alignment/record.json      what was measured and done in each iteration (calib/align_record.h)
+//   linearisation/stack-N/     Captures of the flat board, aligned
+//   linearisation.json         the phase-linearisation table from them
 //   calibration/pose-NN/       Captures of the board
 //   calibration/poses.json     which of them were used
 //   scanner.json               camera, projector, and the paper's closed form fitted to them
@@ -9,6 +11,7 @@
 //                              the first
 #pragma once
 
+#include "calib/model/phase_linearisation.h"
 #include "cli/commission_scanner.h"
 #include "cli/commission_session.h"
 #include "cli/progress.h"
@@ -21,6 +24,7 @@
 namespace fringecal::cli {
 
 inline constexpr int kMaxAlignments = 6;
+inline constexpr int kFlatStacks = 4;  // the fixed two cycles to half of what a stack adds; the table to 0.05 mrad
 inline constexpr int kBoardPoses = 15;
 
 /// What is measured in the verification: the paper's section 4.
@@ -32,12 +36,16 @@ std::vector<VerificationScene> verification_scenes();
 
 /// Relative durations of the items, for the estimate of the time left.
 struct Weights {
-  static constexpr double alignment = 1.0, pose = 1.2, solve = 6.0, repeat = 1.6, report = 3.0;
+  static constexpr double alignment = 1.0, flat = 1.0, pose = 1.2, solve = 6.0, repeat = 1.6, report = 3.0;
   static double total(int repeats);
 };
 
 /// Turns the grating until it is aligned.
 void align_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
+/// The periodic phase errors that stay, from stacks of the flat board on the aligned instrument.
+void linearise_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
+/// What linearise_step left.
+model::PhaseLinearisation load_linearisation(const CommissionSession& session);
 void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
 void verify_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
 

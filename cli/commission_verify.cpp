@@ -1,5 +1,6 @@
-// Step 3 of a commissioning: the paper's section 4. Plane, three spheres, cylinder, each ten times, through the full
+// Step 4 of a commissioning: the paper's section 4. Plane, three spheres, cylinder, each ten times, through the full
 // model, the paper's eqs. 1 to 20, and its ideal eqs. 1 to 17, both with the parameters fitted to the same scanner.
+#include "calib/decode/corrections.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -31,6 +32,20 @@ void remove_capture(const std::filesystem::path& folder) {
       fmt::format("{}: cannot be removed ({}); remove it by hand", folder.string(), error.message()));
 }
 
+Value corrections_value(const decode::MeasuringMap& map) {
+  Value out = Value::object().set("linearised", map.linearised).set("words", decode::words_for(map));
+  if (map.stack) {
+    out.set("one_cycle_mrad", 1e3 * std::abs(map.stack->ellipse.offset))
+        .set("two_cycles_mrad", 1e3 * std::abs(map.stack->ellipse.conjugate));
+  }
+  return out;
+}
+
+decode::CorrectionOptions corrections_of(const CommissionChoices& choices) {
+  return {.linearisation = choices.linearisation ? decode::Correct::yes : decode::Correct::no,
+          .stack = choices.stack_correction ? decode::Correct::yes : decode::Correct::no};
+}
+
 }  // namespace
 
 std::vector<VerificationScene> verification_scenes() {
@@ -57,13 +72,15 @@ void verify_step(const CommissionSession& session, CommissionScanner& instrument
       progress.start(fmt::format("verifying, {} {} of {}", scene.name, repeat + 1, session.choices().repeats));
       const Stopwatch watch;
       const Capture capture = instrument.capture(name, fmt::format("{} {}", scene.name, repeat));
-      const auto map = decode::decode_phase(capture, scanner.projector.main_axis());
+      const auto measured = decode::decode_for_measuring(capture, scanner.projector.main_axis(),
+                                                         scanner.linearisation ? &*scanner.linearisation : nullptr,
+                                                         corrections_of(session.choices()));
       Value models = Value::object(), u_calibration = Value::object();
       for (const auto& [model, word] : {std::pair(metrology::ReconstructionModel::full, "full"),
                                         std::pair(metrology::ReconstructionModel::chen2008, "chen2008"),
                                         std::pair(metrology::ReconstructionModel::ideal, "ideal")}) {
         const bool full = model == metrology::ReconstructionModel::full;
-        const auto cloud = metrology::reconstruct(map, scanner, {.model = model, .normals = false}).cloud;
+        const auto cloud = metrology::reconstruct(measured.map, scanner, {.model = model, .normals = false}).cloud;
         const auto found = metrology::measure_artefacts(cloud, scanner, scene.artefacts);
         if (!found) throw InputError(fmt::format("{} ({} model): {}", name, word, found.error().sentence));
         Value list = Value::array();
@@ -82,6 +99,7 @@ void verify_step(const CommissionSession& session, CommissionScanner& instrument
       session.store(name + ".json", Value::object()
                                         .set("models", models)
                                         .set("u_calibration_mm", u_calibration)
+                                        .set("corrections", corrections_value(measured))
                                         .set("duration_s", watch.seconds()));
       // The frames of the first repeat stay beside the results.
       if (repeat > 0) remove_capture(session.path(name));

@@ -1,4 +1,4 @@
-#include "calib/decode/decode.h"
+#include "calib/decode/corrections.h"
 #include "cli/commands.h"
 #include "core/capture.h"
 #include "core/error.h"
@@ -17,7 +17,7 @@ namespace {
 struct Options {
   std::string capture, scanner, output, model = "full";
   metrology::ReconstructOptions reconstruct;
-  bool json = false;
+  bool json = false, no_linearisation = false, no_stack_correction = false;
 };
 
 const std::map<std::string, metrology::ReconstructionModel> kModels = {
@@ -25,8 +25,23 @@ const std::map<std::string, metrology::ReconstructionModel> kModels = {
     {"chen2008", metrology::ReconstructionModel::chen2008},
     {"ideal", metrology::ReconstructionModel::ideal}};
 
+Value to_value(const decode::MeasuringMap& map) {
+  Value out = Value::object().set("linearised", map.linearised).set("stack_corrected", map.stack.has_value());
+  if (map.stack) {
+    const auto& e = map.stack->ellipse;
+    out.set("one_cycle_mrad", 1e3 * std::abs(e.offset))
+        .set("u_one_cycle_mrad", 1e3 * e.u_offset)
+        .set("two_cycles_mrad", 1e3 * std::abs(e.conjugate))
+        .set("u_two_cycles_mrad", 1e3 * e.u_conjugate);
+  }
+  Value remarks = Value::array();
+  for (const auto& remark : map.remarks) remarks.append(remark);
+  return out.set("remarks", remarks);
+}
+
 Value summary_of(const Options& o, const metrology::Reconstruction& result, const metrology::CloudSummary& summary,
-                 const std::array<std::size_t, 5>& pixels) {
+                 const decode::MeasuringMap& map) {
+  const auto pixels = decode::count_validity(map.map);
   Value invalid = Value::object();
   for (std::size_t i = 1; i < pixels.size(); ++i) {
     invalid.set(decode::name_of(static_cast<decode::Validity>(i)), pixels[i]);
@@ -37,6 +52,7 @@ Value summary_of(const Options& o, const metrology::Reconstruction& result, cons
       .set("model", o.model)
       .set("cloud", o.output)
       .set("points", result.cloud.points.size())
+      .set("corrections", to_value(map))
       .set("left_out", Value::object()
                            .set("invalid", invalid)
                            .set("edge", result.n_edge)
@@ -56,8 +72,11 @@ void measure(Options& o) {
     throw InputError(fmt::format("{}: no code along {}, the axis that {} was calibrated for", o.capture,
                                  axis == CodeAxis::x ? "x" : "y", o.scanner));
   }
-  const decode::PhaseMap map = decode::decode_phase(capture, axis);
-  const auto result = metrology::reconstruct(map, scanner, o.reconstruct);
+  const auto map =
+      decode::decode_for_measuring(capture, axis, scanner.linearisation ? &*scanner.linearisation : nullptr,
+                                   {.linearisation = o.no_linearisation ? decode::Correct::no : decode::Correct::yes,
+                                    .stack = o.no_stack_correction ? decode::Correct::no : decode::Correct::yes});
+  const auto result = metrology::reconstruct(map.map, scanner, o.reconstruct);
   if (result.cloud.points.empty()) {
     throw InputError(
         fmt::format("{}: no pixel gives a point ({} without usable phase, {} at edges, {} noisy): check light "
@@ -66,15 +85,16 @@ void measure(Options& o) {
   }
   metrology::write_ply(o.output, result.cloud);
   const auto summary = metrology::summary_of(result.cloud);
-  const auto pixels = decode::count_validity(map);
+  const auto pixels = decode::count_validity(map.map);
   if (o.json) {
-    fmt::print("{}", to_json(summary_of(o, result, summary, pixels)));
+    fmt::print("{}", to_json(summary_of(o, result, summary, map)));
     return;
   }
   fmt::print("{} points by the {} model: {}\n", result.cloud.points.size(), o.model, o.output);
   fmt::print("  X {:.1f} .. {:.1f}  Y {:.1f} .. {:.1f}  Z {:.1f} .. {:.1f} mm, median u along the ray {:.4f} mm\n",
              summary.min_mm.x(), summary.max_mm.x(), summary.min_mm.y(), summary.max_mm.y(), summary.min_mm.z(),
              summary.max_mm.z(), summary.median_u_along_ray_mm);
+  fmt::print("  {}\n", decode::words_for(map));
   fmt::print("  left out:");
   for (std::size_t i = 1; i < pixels.size(); ++i) {
     fmt::print(" {} {},", decode::name_of(static_cast<decode::Validity>(i)), pixels[i]);
@@ -106,6 +126,10 @@ void add_measure(CLI::App& app) {
                    "Leave out pixels this near to a pixel without point or to a jump in depth")
       ->check(CLI::Range(0, 100))
       ->capture_default_str();
+  command->add_flag("--no-linearisation", o->no_linearisation,
+                    "Leave the Scanner's phase linearisation out, for comparison");
+  command->add_flag("--no-stack-correction", o->no_stack_correction,
+                    "Leave the errors of this stack's steps and lamp in, for comparison");
   command->add_flag("--json", o->json, "Print the summary as JSON");
   command->footer("Example:\n  fringecal measure captures/part --scanner scanner.json -o part.ply");
   command->callback([o] { measure(*o); });

@@ -1,6 +1,6 @@
 // fringecal verify: a plan carried out, evaluated and judged; resumable. On the virtual scanner by itself, on a real one
 // from the captures that the plan asks for.
-#include "calib/decode/decode.h"
+#include "calib/decode/corrections.h"
 #include "cli/commands.h"
 #include "cli/progress.h"
 #include "cli/virtual_verification.h"
@@ -81,8 +81,9 @@ std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, c
   if (!source.instrument && !fs::exists(source.captures / name / "capture.json")) return std::nullopt;
   const Capture capture =
       source.instrument ? source.instrument->capture(plan.name, series.scene, i) : read_capture(source.captures / name);
-  const auto map = decode::decode_phase(capture, scanner.projector.main_axis());
-  const auto cloud = metrology::reconstruct(map, scanner, {.normals = false}).cloud;
+  const auto measured = decode::decode_for_measuring(capture, scanner.projector.main_axis(),
+                                                     scanner.linearisation ? &*scanner.linearisation : nullptr);
+  const auto cloud = metrology::reconstruct(measured.map, scanner, {.normals = false}).cloud;
   const auto result = metrology::evaluate_capture(plan, series, i, source.gauges, cloud, scanner);
   if (!result) throw InputError(fmt::format("{}: {}", name, result.error().sentence));
   write_atomically(file, to_json(metrology::to_value(*result)));

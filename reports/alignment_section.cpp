@@ -1,5 +1,6 @@
 #include "reports/commissioning_sections.h"
 #include "reports/number.h"
+#include "reports/picture.h"
 #include "reports/plot.h"
 
 #include "core/error.h"
@@ -183,6 +184,19 @@ Markup iteration_table(const AlignmentSection& alignment) {
   return table("full", columns, rows);
 }
 
+Markup delta_maps(const AlignmentSection& alignment) {
+  Markup maps;
+  const auto add = [&](const std::optional<Image<float>>& map, const char* words) {
+    if (!map) return;
+    const HeatMapOptions options{
+        .map = ColourMap::sequential, .label = "δ, µm", .width_px = 440, .max_height_px = 300, .zoom_to_valid = false};
+    maps += figure("half", heat_map(*map, options), words);
+  };
+  add(alignment.delta_before_um, "As found: δ of the finest bit that jumps, over the picture (axes: cells of 40 px).");
+  add(alignment.delta_after_um, "As left: the same. Each picture has its own range.");
+  return maps.empty() ? Markup() : element("div", {{"class", "figures"}}, maps);
+}
+
 }  // namespace
 
 Markup alignment_section(const CommissioningReport& report) {
@@ -197,7 +211,7 @@ Markup alignment_section(const CommissioningReport& report) {
                      "ends at |δ/p| ≤ {}.",
                      significant(alignment.tolerance_fraction, 2))));
   if (!alignment.iterations.empty()) out += iteration_table(alignment);
-  return section("alignment", "Grating alignment", out + panels(alignment));
+  return section("alignment", "Grating alignment", out + panels(alignment) + delta_maps(alignment));
 }
 
 }  // namespace fringecal::reports

@@ -165,6 +165,10 @@ Value to_value(const CommissioningReport& report) {
                              .set("height_px", report.phase_map->phase_rad.height()));
   }
   if (report.calibration) out.set("calibration", calibration(*report.calibration));
+  if (report.phase_corrections) {
+    out.set("phase_corrections",
+            array_of(report.phase_corrections->sentences, [](const std::string& sentence) { return Value(sentence); }));
+  }
   out.set("artefacts", array_of(report.artefacts, artefact));
   return out;
 }

@@ -166,6 +166,23 @@ Markup phase_section(const CommissioningReport& report) {
                  figure("", heat_map(shown, options), map.caption + " Axes in pixels; grey: no valid phase."));
 }
 
+Markup phase_correction_section(const CommissioningReport& report) {
+  if (!report.phase_corrections) return {};
+  const auto& corrections = *report.phase_corrections;
+  Markup out;
+  for (const auto& sentence : corrections.sentences) out += element("p", text(sentence));
+  if (corrections.ripple_mrad) {
+    const HeatMapOptions options{.map = ColourMap::sequential,
+                                 .label = "amplitude, mrad",
+                                 .width_px = 420,
+                                 .max_height_px = 300,
+                                 .zoom_to_valid = false};
+    out += figure("", heat_map(*corrections.ripple_mrad, options),
+                  "The fixed ripple of the phase, one value per node of the table over the picture.");
+  }
+  return section("corrections", "Periodic phase errors", out);
+}
+
 Markup provenance_section(const CommissioningReport& report) {
   const Provenance& from = report.provenance;
   Markup stages, inputs;
@@ -195,8 +212,8 @@ Markup provenance_section(const CommissioningReport& report) {
 
 std::string commissioning_html(const CommissioningReport& report) {
   const Markup body = summary(report) + alignment_section(report) + fringe_section(report) + phase_section(report) +
-                      calibration_section(report) + artefact_section(report) + ablation_section(report) +
-                      provenance_section(report);
+                      phase_correction_section(report) + calibration_section(report) + artefact_section(report) +
+                      ablation_section(report) + provenance_section(report);
   return page(report.title + ": " + report.scanner_name, body);
 }
 

@@ -19,7 +19,7 @@
 //      image_width_px, image_height_px, residuals {camera_rms_px, projector_rms, projector_unit, ...}, poses [{name,
 //      used, reason}], camera_residuals {pixel_x_px [], pixel_y_px [], residual_x_px [], residual_y_px []},
 //      projector_residuals {pixel_x_px [], pixel_y_px [], residual []  (in residuals.projector_unit)}},
-//    artefacts [{name, kind, certificate_mm?, u_certificate_mm?, paper {text, error_limit_mm?, form_sd_mm?}, verdict,
+//    phase_corrections? [sentence], artefacts [{name, kind, certificate_mm?, u_certificate_mm?, paper {text, error_limit_mm?, form_sd_mm?}, verdict,
 //      criterion, models [...], repeats [...], remarks []}], verdicts [{verdict, text}]}
 //
 // Size: pictures are block-averaged and long scatter plots thinned (the caption says so), so that report.html of a full
@@ -92,6 +92,8 @@ struct AlignmentSection {
   double tolerance_fraction = 0;  // |delta / p| that ends the loop
   std::string conclusion;         // one sentence
   std::optional<ProfileColumns> before = {}, after = {};
+  /// delta of the finest bit over the field, um, as found and as left, in cells; NaN: no value. Not in report.json.
+  std::optional<Image<float>> delta_before_um = {}, delta_after_um = {};
 };
 
 struct Parameter {
@@ -128,6 +130,12 @@ struct CalibrationSection {
   std::vector<CameraResidual> camera_residuals = {};
   std::vector<ProjectorResidual> projector_residuals = {};
   std::optional<Image<float>> coverage = {};  // corners per cell of the image, any cell size; NaN: none
+};
+
+/// The corrections of the periodic phase errors, as they were during the verification.
+struct PhaseCorrectionSection {
+  std::vector<std::string> sentences = {};       // what was on, and how much it took away
+  std::optional<Image<float>> ripple_mrad = {};  // amplitude over the field, node by node; not in report.json
 };
 
 enum class ArtefactKind { plane, sphere, cylinder };
@@ -186,6 +194,7 @@ struct CommissioningReport {
   std::optional<PhaseMapPicture> phase_map = {};
   std::optional<AlignmentSection> alignment = {};
   std::optional<CalibrationSection> calibration = {};
+  std::optional<PhaseCorrectionSection> phase_corrections = {};
   std::vector<ArtefactSection> artefacts = {};
 };
 

@@ -10,6 +10,7 @@ Markup summary(const CommissioningReport& report);
 Markup comparison_table(const std::vector<ArtefactSection>& artefacts);
 Markup alignment_section(const CommissioningReport& report);
 Markup fringe_section(const CommissioningReport& report);
+Markup phase_correction_section(const CommissioningReport& report);
 Markup phase_section(const CommissioningReport& report);
 Markup calibration_section(const CommissioningReport& report);
 Markup artefact_section(const CommissioningReport& report);

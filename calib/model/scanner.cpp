@@ -257,6 +257,7 @@ void write_scanner(const std::filesystem::path& file, const Scanner& s) {
   if (s.board) out.set("board", model::to_value(*s.board));
   if (s.paper_model) out.set("paper_model", model::to_value(*s.paper_model));
   if (s.paper_ideal_model) out.set("paper_ideal_model", model::to_value(*s.paper_ideal_model));
+  if (s.linearisation) out.set("phase_linearisation", model::to_value(*s.linearisation));
   if (!s.board_corners_mm.empty()) {
     Value corners = Value::array();
     for (const auto& corner : s.board_corners_mm) corners.append(Value::numbers(corner));
@@ -298,6 +299,7 @@ Scanner read_scanner(const std::filesystem::path& file) {
   const CodeAxis axis = s.projector.main_axis();
   if (auto m = f.optional_table("paper_model")) s.paper_model = fitted_chen2008_from(*m, axis);
   if (auto m = f.optional_table("paper_ideal_model")) s.paper_ideal_model = fitted_chen2008_from(*m, axis);
+  if (auto t = f.optional_table("phase_linearisation")) s.linearisation = phase_linearisation_from(*t);
   for (auto& pose : f.tables("cam_from_board")) s.cam_from_board.push_back(rigid_from(pose));
   for (auto& o : f.tables("observations")) s.observations.push_back(observation_from(o));
   s.provenance = provenance_from(f.table("provenance"));

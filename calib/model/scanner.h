@@ -8,6 +8,7 @@
 
 #include "calib/model/board.h"
 #include "calib/model/chen2008.h"
+#include "calib/model/phase_linearisation.h"
 #include "calib/model/projector.h"
 #include "core/provenance.h"
 #include "core/rigid.h"
@@ -82,6 +83,7 @@ struct Scanner {
   std::vector<Rigid3> cam_from_board;  // estimated poses, as `observations`
   // The paper's closed form fitted to this scanner: eqs. 1 to 20, and eqs. 1 to 17 alone. Absent: not fitted.
   std::optional<FittedChen2008> paper_model, paper_ideal_model;
+  std::optional<PhaseLinearisation> linearisation;  // absent: not measured
   Provenance provenance;
 
   /// A parameter by its name in `uncertainty`; a rotation's is that component of the rotation vector.

@@ -77,6 +77,32 @@ TEST(NextStep, AsksForMoreFramesWhereNoiseHidesTheAnswer) {
   EXPECT_EQ(step.decision, AlignmentDecision::needs_more_frames);
 }
 
+TEST(ReadSetting, TakesMoreCapturesByItselfWhereNoiseLimits) {
+  const GratingLayout layout{.pattern_pitch_mm = 12};
+  const FringeCode code{.gray_bits = 7, .phase_steps = 4, .stripes_per_period = 2, .period = kPeriod, .unit = "mm"};
+  // Edges that scatter by 0.9 um and more from stack to stack: u(theta) is 10 urad alone, 6 urad from nine.
+  const auto take = [&](int i) -> Result<Misalignment> {
+    Misalignment m = reading_of(0.0, 14e-6);
+    for (auto& bit : m.bits) {
+      bit.u_noise_mm = 0.0014;
+      bit.delta_mm.value = bit.lever_mm * (i % 2 == 0 ? 3e-6 : -3e-6);
+      bit.n_edges = 100;
+    }
+    return m;
+  };
+  const auto reading = read_setting(take, {}, {.layout = layout, .code = code, .loop = {.max_captures = 9}});
+  ASSERT_TRUE(reading);
+  EXPECT_EQ(reading->step.decision, AlignmentDecision::aligned) << reading->step.sentence;
+  EXPECT_GT(reading->measured.stacks, 1);
+  // A tolerance below what the glass allows is never proved: the reason is said.
+  const auto never = read_setting(
+      take, {}, {.layout = layout, .code = code, .loop = {.tolerance_of_period = 0.001, .max_captures = 3}});
+  ASSERT_TRUE(never);
+  EXPECT_EQ(never->step.decision, AlignmentDecision::needs_more_frames);
+  EXPECT_EQ(never->measured.stacks, 3);
+  EXPECT_THAT(never->step.sentence, HasSubstr("would stay with any number"));
+}
+
 // The adjuster of virtual-instrument.md: scale error 3 % rms, backlash 0.05 mrad, resolution 0.005 mrad, read with
 // 3.6 urad.
 TEST(NextStep, AlignsWithinThreeTurnsFromAnywhere) {

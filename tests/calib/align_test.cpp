@@ -114,6 +114,69 @@ TEST(MeasureMisalignment, WidensItsUncertaintyWhereTheBitsContradictOneAngle) {
   EXPECT_NEAR(result->theta_rad.value, 0.3e-3, 3 * result->theta_rad.u);
 }
 
+// Steps' angle: noise of q is 0.01 sqrt(2 / 46000) = 0.07 mrad, 0.3 urad of theta, and 2 % of theta is allowed for the
+// third harmonic; 1.5 urad more for the 24 pixels of a period.
+TEST(MeasureMisalignment, FindsTheSameAngleInThePhaseStepsAlone) {
+  for (const double theta : {-0.8e-3, -0.1e-3, 0.0, 0.3e-3, 1.5e-3}) {
+    for (const int stripes : {1, 2}) {
+      const auto result = measure({.theta_rad = theta, .stripes_per_period = stripes});
+      ASSERT_TRUE(result && result->theta_from_steps_rad);
+      EXPECT_NEAR(result->theta_from_steps_rad->value, theta, 2e-6 + 0.02 * std::abs(theta)) << theta;
+      EXPECT_THAT(result->remarks, ::testing::Not(::testing::Contains(HasSubstr("another angle"))));
+    }
+  }
+}
+
+TEST(MeasureMisalignment, ReportsASecondAngleThatDisagreesInsteadOfAveragingIt) {
+  // The phase patterns are made as if the angle were 0.4 mrad larger than the Gray patterns' slots say; the wrap (PS1
+  // and PS3) stays: PS0 and PS2 move by 0.4e-3 * 12 mm each, opposite ways about it.
+  GratingCase c{.theta_rad = 0.2e-3, .placement_mm = std::vector<double>(11, 0.0)};
+  for (int k = 0; k < 4; ++k) c.placement_mm[static_cast<std::size_t>(7 + k)] = (2 - k) * 12.0 * 0.4e-3;
+  const auto result = measure(c);
+  ASSERT_TRUE(result && result->theta_from_steps_rad);
+  EXPECT_NEAR(result->theta_rad.value, 0.2e-3, kNoiseRad);
+  EXPECT_NEAR(result->theta_from_steps_rad->value, 0.6e-3, 2e-6 + 0.02 * 0.6e-3);
+  EXPECT_THAT(result->remarks, ::testing::Contains(HasSubstr("another angle")));
+}
+
+TEST(MeasureMisalignment, SaysThatAPatternLiesAskew) {
+  GratingCase c{.theta_rad = 0.2e-3, .lines = 160};
+  c.askew_slot = 3;
+  c.askew_mm = 0.004;
+  const auto result = measure(c);
+  ASSERT_TRUE(result) << result.error().sentence;
+  EXPECT_THAT(result->remarks, ::testing::Contains(HasSubstr("bit 3 grows")));
+  for (const auto& bit : result->bits) {
+    // Noise of a tilt: sqrt(12) of the delta's, below 0.06 um; five of that.
+    EXPECT_NEAR(bit.tilt_mm.value, bit.bit == 3 ? 0.004 : 0.0, 1e-3) << bit.bit;
+  }
+  // The middle line's delta is untouched by the tilt.
+  EXPECT_NEAR(result->theta_rad.value, 0.2e-3, 2 * kNoiseRad);
+}
+
+TEST(MeasureMisalignment, SaysWhatTheBitsDetermineAndLeaveOpen) {
+  const auto result = measure({.theta_rad = 0.2e-3});
+  ASSERT_TRUE(result);
+  EXPECT_THAT(result->remarks, ::testing::Contains(HasSubstr("5 bits, 48 to 108 mm")));
+}
+
+TEST(AverageOf, LessensWhatIsNewInEveryStackAndKeepsWhatTheGlassHas) {
+  const GratingLayout layout{.pattern_pitch_mm = 12, .gray_slots = {}, .phase_slots = {}};
+  std::vector<Misalignment> stacks;
+  FringeCode code;
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    const Capture capture = misaligned_capture({.theta_rad = 0.1e-3, .lines = 24, .seed = seed});
+    code = *capture.info.plan.x;
+    stacks.push_back(*measure_misalignment(capture, layout));
+  }
+  const Misalignment mean = average_of(stacks, layout, code);
+  EXPECT_EQ(mean.stacks, 4);
+  EXPECT_NEAR(mean.u_noise_rad, stacks.front().u_noise_rad / 2, 0.1 * stacks.front().u_noise_rad);
+  EXPECT_LT(mean.theta_rad.u, stacks.front().theta_rad.u);
+  EXPECT_GT(mean.theta_rad.u, 0.5 * stacks.front().theta_rad.u);
+  EXPECT_NEAR(mean.theta_rad.value, 0.1e-3, kNoiseRad);
+}
+
 TEST(MeasureMisalignment, PutsThePapersPixelCountBesideItsOwn) {
   const auto result = measure({.theta_rad = 0.8e-3});
   ASSERT_TRUE(result);

@@ -28,6 +28,8 @@ struct GratingCase {
   double covered = 1.0;                                // share of the line that the board covers
   int length = 720, lines = 64;                        // pixels along and across the code
   std::vector<double> placement_mm = {};               // e_j by slot, empty: none
+  int askew_slot = -1;                                 // this pattern is turned on the glass: e grows by askew_mm
+  double askew_mm = 0;                                 // from the first line to the last
   std::vector<int> gray_slots = {}, phase_slots = {};  // empty: GC0 .. PS(N-1)
   unsigned seed = 1;
 };
@@ -85,8 +87,9 @@ inline Capture misaligned_capture(const GratingCase& c) {
     if (!c.placement_mm.empty()) shift_mm += c.placement_mm[j];
     Image8 image(width, height);
     for (int across = 0; across < c.lines; ++across) {
+      const double turned_mm = slot == c.askew_slot ? c.askew_mm * ((across + 0.5) / c.lines - 0.5) : 0.0;
       for (int along = 0; along < c.length; ++along) {
-        const double u = u_periods_of(c, along, across) - shift_mm / c.period_mm;
+        const double u = u_periods_of(c, along, across) - (shift_mm + turned_mm) / c.period_mm;
         const double pattern = p.kind == PatternKind::gray ? gray_pattern(c, p.index, u) : phase_pattern(c, p.index, u);
         const double board = along < c.covered * c.length ? 1.0 : 0.0;
         const double value = c.ambient + board * c.light * pattern + c.noise * normal(random);

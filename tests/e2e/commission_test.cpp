@@ -72,7 +72,7 @@ TEST_P(CommissioningOfSeed, EndsAlignedWithEveryArtefactWithinItsLimits) {
 
   const auto& iterations = *at(at(report, "alignment"), "iterations").if_array();
   EXPECT_EQ(*at(iterations.back(), "verdict").if_text(), "aligned");
-  // Issue C's target for |theta|, and reached by the first version too.
+  // What the tolerance of 0.01 p on the coarsest bit's 108 mm asks for, 0.022 mrad, rounded down.
   EXPECT_LE(std::abs(number(truth, "theta_mrad")), 0.02);
 
   int spheres_and_cylinders = 0;
@@ -80,8 +80,9 @@ TEST_P(CommissioningOfSeed, EndsAlignedWithEveryArtefactWithinItsLimits) {
     const std::string name = *at(artefact, "name").if_text();
     const Value& full = at(artefact, "models").if_array()->front();
     ASSERT_EQ(*at(full, "model").if_text(), "full");
-    // The limits of the first version: 0.06 mm for the diameter's error and for every form standard deviation.
-    EXPECT_LE(number(full, "max_form_sd_mm"), 0.06) << name;
+    // Form: the pixels' noise alone gives 26 to 31 um; without the phase corrections it is 38 to 51 um. 35 um lies
+    // between the two.
+    EXPECT_LE(number(full, "max_form_sd_mm"), 0.035) << name;
     EXPECT_GT(number(full, "max_form_sd_mm"), 0.02) << name << ": below what the pixels' noise allows";
     if (!full.find("error_mm")) continue;
     ++spheres_and_cylinders;
