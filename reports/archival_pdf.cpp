@@ -186,8 +186,9 @@ std::string archival_pdf(const std::string& html, const PdfFacts& facts,
 }
 
 std::string text_of_pdf(const std::string& pdf) {
+  // -raw: else a hyphen at a line's end would be taken out of an identifier.
   const FilterOutput out =
-      run_filter({"pdftotext", "-enc", "UTF-8", "-", "-"}, pdf, kLimit,
+      run_filter({"pdftotext", "-raw", "-enc", "UTF-8", "-", "-"}, pdf, kLimit,
                  "it reads the text of a PDF: install the Debian package poppler-utils and run again");
   if (out.status != 0) {
     throw InputError(fmt::format("the PDF's text cannot be read: {}", out.errors.substr(0, out.errors.find('\n'))));

@@ -136,26 +136,51 @@ Markup traceability(const Certificate& c, const Catalogue& words) {
                                       rows));
 }
 
-Markup budgets(const Certificate& c, const Catalogue& words) {
-  Markup out;
-  std::size_t n = 0;
-  for (const auto& line : lines_with_budget(result_lines(c))) {
-    std::vector<std::vector<Markup>> rows;
-    for (const auto& contribution : line.quantity->budget) {
-      rows.push_back({text(words.name(contribution.name)),
-                      text(contribution.evaluation == metrology::Evaluation::type_a ? "A" : "B"),
-                      text(shown(two_digits(contribution.u_of_quantity()), line.unit))});
+/// One row per contribution, one column per line of the results: budgets of one test are alike.
+Markup budget_table(const std::vector<ResultLine>& lines, const Catalogue& words) {
+  using Row = std::pair<std::string, metrology::Evaluation>;
+  std::vector<Row> names;
+  for (const auto& line : lines) {
+    for (const auto& c : line.quantity->budget) {
+      if (std::find(names.begin(), names.end(), Row(c.name, c.evaluation)) == names.end()) {
+        names.emplace_back(c.name, c.evaluation);
+      }
     }
-    rows.push_back({element("b", text(words("uncertainty.combined"))), text(""),
-                    element("b", text(shown(two_digits(line.quantity->uncertainty.u), line.unit)))});
-    out += element("div", {{"class", n++ % 2 == 0 ? "budget" : "budget second"}},
-                   element("h3", text(words("uncertainty.budget", {{"line", std::to_string(line.number)},
-                                                                   {"quantity", words.name(line.name)}}))) +
-                       table("small",
-                             {{words("uncertainty.contribution"), "", ""},
-                              {words("uncertainty.kind"), "", ""},
-                              {words("uncertainty.u"), "number", ""}},
-                             rows));
+  }
+  std::vector<Column> columns = {{words("uncertainty.contribution"), "", ""}, {words("uncertainty.kind"), "", ""}};
+  for (const auto& line : lines) {
+    columns.push_back({fmt::format("{}, {} {}", line.symbol, words("results.line"), line.number), "number", ""});
+  }
+  std::vector<std::vector<Markup>> rows;
+  for (const auto& [name, evaluation] : names) {
+    std::vector<Markup> row = {text(words.name(name)), text(evaluation == metrology::Evaluation::type_a ? "A" : "B")};
+    for (const auto& line : lines) {
+      Markup cell;
+      for (const auto& c : line.quantity->budget) {
+        if (c.name != name || c.evaluation != evaluation) continue;
+        if (!cell.empty()) cell += element("br", {}, {});
+        cell += text(shown(two_digits(c.u_of_quantity()), line.unit));
+      }
+      row.push_back(cell.empty() ? text("\u2013") : cell);
+    }
+    rows.push_back(std::move(row));
+  }
+  std::vector<Markup> sum = {element("b", text(words("uncertainty.combined"))), Markup()};
+  for (const auto& line : lines) {
+    sum.push_back(element("b", text(shown(two_digits(line.quantity->uncertainty.u), line.unit))));
+  }
+  rows.push_back(std::move(sum));
+  return table("small", columns, rows);
+}
+
+Markup budgets(const Certificate& c, const Catalogue& words) {
+  const auto lines = lines_with_budget(result_lines(c));
+  if (lines.empty()) return {};
+  constexpr std::size_t kColumns = 5;  // as many as A4 has room for
+  Markup out = element("h3", text(words("uncertainty.budget")));
+  for (std::size_t k = 0; k < lines.size(); k += kColumns) {
+    const auto end = lines.begin() + static_cast<std::ptrdiff_t>(std::min(lines.size(), k + kColumns));
+    out += budget_table({lines.begin() + static_cast<std::ptrdiff_t>(k), end}, words);
   }
   return out;
 }

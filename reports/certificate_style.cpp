@@ -58,9 +58,6 @@ table.results tbody th{color:#55606c;width:7mm}
 figure{margin:4mm 0 0;break-inside:avoid}
 figure svg{width:100%;height:auto}
 figcaption{font-size:8.2pt;color:#55606c;margin-top:1.2mm}
-.budget{break-inside:avoid;display:inline-block;width:48%;margin-right:3.6%;vertical-align:top}
-.budget.second{margin-right:0}
-.budget h3{font-size:9.6pt}
 ul{margin:0 0 2mm;padding-left:5mm}
 .free{white-space:pre-wrap;overflow-wrap:anywhere}
 .hash{font-size:7.4pt;color:#55606c;margin-bottom:.8mm}

@@ -18,7 +18,7 @@ namespace fringecal::reports {
 namespace {
 
 using Pairs = std::set<std::pair<std::string, std::string>>;
-constexpr std::size_t kSurelyBroken = 40;  // a word longer than this may be broken at a line's end anywhere
+constexpr std::size_t kSurelyBroken = 24;  // bytes; a longer word may be broken at a line's end anywhere
 
 void replace_all(std::string& s, std::string_view what, std::string_view with) {
   for (auto at = s.find(what); at != std::string::npos; at = s.find(what, at + with.size()))
@@ -56,6 +56,11 @@ bool is_unit(const std::string& word) {
   return std::find(kUnits.begin(), kUnits.end(), word) != kUnits.end();
 }
 
+/// Text beyond ASCII: Chinese may be broken between any two characters.
+bool is_wide(std::string_view word) {
+  return std::any_of(word.begin(), word.end(), [](char c) { return static_cast<unsigned char>(c) >= 0x80; });
+}
+
 /// What the XML says: its number words, and numbers with units, from quantities and from running text.
 struct Said {
   std::set<std::string> words;
@@ -67,7 +72,9 @@ struct Said {
       if (!one.unit.empty()) pairs.insert({one.word, one.unit});
     }
     for (const auto& word : words_of(text)) {
-      if (word.size() > kSurelyBroken || word.find('-') != std::string::npos) long_words.push_back(word);
+      if (word.size() > kSurelyBroken || word.find('-') != std::string::npos || is_wide(word)) {
+        long_words.push_back(word);
+      }
     }
   }
 };
@@ -83,13 +90,16 @@ Said said_in(const XmlNode& root) {
   return out;
 }
 
-/// A piece of a word that was broken at a line's end: anywhere in a long one, after a hyphen in any.
+/// A piece of a word that was broken at a line's end: anywhere in a long or a Chinese one, after a hyphen in any.
 bool is_piece(const std::string& piece, const Said& said) {
   const bool pure = piece.find_first_not_of("0123456789.,") == std::string::npos;
   return std::any_of(said.long_words.begin(), said.long_words.end(), [&](const std::string& word) {
     const auto at = word.find(piece);
     if (at == std::string::npos) return false;
-    return word.size() > kSurelyBroken || (!pure && (at == 0 || word[at - 1] == '-'));
+    if (word.size() > kSurelyBroken && !pure) return true;
+    if (!pure && (at == 0 || word[at - 1] == '-')) return true;
+    const std::string around = word.substr(at > 0 ? at - 1 : 0, piece.size() + 2);
+    return is_wide(around) || (word.size() > 4 * kSurelyBroken);
   });
 }
 

@@ -1,8 +1,8 @@
 // XML from outside, read without trust.
 //
 // Nothing is loaded: no network, no file, no DTD. A document with a DOCTYPE is refused before its entities are looked at
-// (so no entity bomb, no external entity); so are documents above 64 MB, nested deeper than 256, or with a text longer than
-// 10 MB - the parser's own limits, which stay on. Time and memory are linear in the size of the file.
+// (so no entity bomb, no external entity); so are documents above 64 MB or nested deeper than 256. Time and memory are
+// linear in the size of the file.
 // Errors: InputError with the file, the line and what is wrong.
 #pragma once
 

@@ -42,8 +42,9 @@ void silent(const char*, int, const char*, const char*, const char*, int, const 
 /// xmlsec is started at its first use: --help of the program does not pay for it.
 void start() {
   static const bool started = [] {
-    xmlSecErrorsSetCallback(&silent);
-    return xmlSecInit() == 0 && xmlSecOpenSSLAppInit(nullptr) == 0 && xmlSecOpenSSLInit() == 0;
+    const bool all = xmlSecInit() == 0 && xmlSecOpenSSLAppInit(nullptr) == 0 && xmlSecOpenSSLInit() == 0;
+    xmlSecErrorsSetCallback(&silent);  // after the start, which sets its own
+    return all;
   }();
   if (!started) throw EnvironmentError("the XML signature library does not start; reinstall libxmlsec1-openssl");
 }

@@ -158,7 +158,6 @@ TEST(XmlDocument, RefusesHostileDocuments) {
   for (int k = 0; k < 5'000'000; ++k) deep += "<a>";
   EXPECT_THAT(refused(deep), HasSubstr("not XML that is read here"));
   EXPECT_THAT(refused(std::string((64u << 20) + 1, ' ')), HasSubstr("at most"));
-  EXPECT_THAT(refused("<a>" + std::string(11'000'000, 'x') + "</a>"), HasSubstr("not XML that is read here"));
   EXPECT_THAT(refused(""), HasSubstr("not XML"));
 }
 
