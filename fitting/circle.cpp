@@ -127,7 +127,12 @@ Result<CircleFit> fit_circle(Points points_mm) {
   const auto start = start_of(normalised, axes);
   if (!start) return unanswerable(why_no_minimum(Descent::singular, "circle", 0));
   auto found = descend(*start, normalised);
-  if (!found) return unanswerable(why_no_minimum(Descent::not_converged, "circle", 100));
+  if (!found) {
+    // On straight points the descent wanders: the circle it started from gains nothing on the line either.
+    const double f = linearize(*start, normalised).f;
+    if (!(line_f - f > 2.0 * 16.0 * f / (2.0 * n - 6.0))) return straight(f);
+    return unanswerable(why_no_minimum(Descent::not_converged, "circle", 100));
+  }
   Circle& circle = found->circle;
   if (circle.k < 0.0) {
     circle.axes.col(0) *= -1.0;

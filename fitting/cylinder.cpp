@@ -215,7 +215,8 @@ bool is_distinct(const CylinderSurface& a, const CylinderSurface& b) {
 Result<CylinderSurface> thorough_start(const std::vector<Eigen::Vector3d>& all, const CentredPoints& centre,
                                        const std::optional<double>& k) {
   constexpr std::size_t kPoints = 3000, kLow = 6;  // points: enough to tell the minima apart
-  constexpr std::size_t kFew = 12;                 // up to here every direction is descended from: minima are many
+  constexpr std::size_t kSome = 100, kMany = 20;
+  constexpr std::size_t kFew = 8;  // up to here every direction is descended from: minima are many
   Random random(5);
   const std::vector<Eigen::Vector3d> sample = spread_sample(all, {}, kPoints, random);
   const Moments moments = moments_of(sample);
@@ -223,7 +224,11 @@ Result<CylinderSurface> thorough_start(const std::vector<Eigen::Vector3d>& all, 
     const auto circle = circle_along(axes, moments);
     return circle ? circle->f : std::numeric_limits<double>::infinity();
   };
-  auto candidates = candidate_directions(directions(500), kLow, 1e-5, centre.axes, pratt_f);
+  // Few points cost little to descend with, so that the cheap measure of a direction will do.
+  auto candidates = sample.size() <= kSome
+                        ? candidate_directions(directions(150), kMany, 0.03, centre.axes,
+                                               [&](const Eigen::Matrix3d& axes) { return quick_f(axes, moments); })
+                        : candidate_directions(directions(500), kLow, 1e-5, centre.axes, pratt_f);
   if (sample.size() <= kFew) {
     for (const Eigen::Matrix3d& axes : directions(150)) candidates.push_back({axes.col(2), 0.0});
   }
