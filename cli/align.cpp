@@ -13,6 +13,7 @@
 #include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
 #include <filesystem>
 #include <memory>
 
@@ -85,6 +86,9 @@ void align_capture(const Options& o) {
   std::vector<calib::Misalignment> stacks;
   FringeCode code;
   for (const auto& name : o.captures) {
+    if (std::count(o.captures.begin(), o.captures.end(), name) > 1) {
+      throw InputError(fmt::format("{}: given twice; averaging needs captures of their own", name));
+    }
     const Capture capture = read_capture(name);
     layout = layout_of(o, capture.info.plan.code(axis));
     stacks.push_back(measure(capture, name, layout, axis));

@@ -13,9 +13,8 @@ namespace fringecal::decode {
 namespace {
 
 constexpr int kMaxRounds = 6;
-constexpr double kSettled = 1e-3;         // a change this small is the last: what it leaves is 8 H = 0.1 of it
-constexpr std::size_t kEnough = 300'000;  // pixels: u = 0.01 sqrt(2 / 3e5) = 0.03 mrad; more lines are skipped evenly
-constexpr double kClip = 4.0;             // robust standard deviations
+constexpr double kSettled = 1e-3;  // a change this small is the last: what it leaves is 8 H = 0.1 of it
+constexpr double kClip = 4.0;      // robust standard deviations
 using Vector6 = Eigen::Matrix<double, kRippleTerms, 1>;
 using Matrix6 = Eigen::Matrix<double, kRippleTerms, kRippleTerms>;
 
@@ -104,7 +103,7 @@ Result<StackErrors> fit_modulation_ripple(const ModulationMap& map) {
   StackErrors out;
   const auto usable = static_cast<std::size_t>(
       std::count_if(map.usable.values().begin(), map.usable.values().end(), [](std::uint8_t u) { return u != 0; }));
-  const int stride = static_cast<int>(std::max<std::size_t>(1, usable / kEnough));
+  const int stride = line_stride(usable);
   double clip = 1e9;
   for (int round = 0; round < kMaxRounds; ++round) {
     Sums sums = sums_over(map, out.ellipse, stride, clip);

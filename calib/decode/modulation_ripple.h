@@ -4,6 +4,8 @@
 
 #include "calib/decode/stack_errors.h"
 
+#include <algorithm>
+
 namespace fringecal::decode {
 
 /// What takes part; images of one size.
@@ -17,6 +19,12 @@ struct ModulationMap {
 
   int lines() const { return axis == CodeAxis::x ? usable.height() : usable.width(); }
 };
+
+/// Pixels that are enough: u = 0.01 sqrt(2 / 3e5) = 0.03 mrad. Of more, every line_stride-th line is used.
+inline constexpr std::size_t kEnoughPixels = 300'000;
+inline int line_stride(std::size_t pixels) {
+  return static_cast<int>(std::max<std::size_t>(1, pixels / kEnoughPixels));
+}
 
 Result<StackErrors> fit_modulation_ripple(const ModulationMap& map);
 

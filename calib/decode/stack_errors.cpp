@@ -76,12 +76,14 @@ Result<StackErrors> estimate_stack_errors(const Capture& capture, const PhaseMap
                            .phase_rad = map.phase_rad,
                            .wrapped_rad = map.wrapped_rad,
                            .usable = Image<std::uint8_t>(map.width(), map.height())};
+  const int stride = line_stride(count_validity(map)[0]);
   parallel_for(map.height(), [&](int y) {
+    if (map.axis == CodeAxis::x && y % stride != 0) return;
     LightRow row;
     std::vector<std::vector<float>> buffers;
     light.load(y, row, buffers);
     for (int x = 0; x < map.width(); ++x) {
-      if (!map.valid(x, y) || !row.usable[x]) continue;
+      if (!map.valid(x, y) || !row.usable[x] || (map.axis == CodeAxis::y && x % stride != 0)) continue;
       modulation.usable(x, y) = 1;
       modulation.log_ratio(x, y) = static_cast<float>(std::log(map.modulation(x, y)) - row.log_light[x]);
     }
