@@ -5,9 +5,9 @@
 namespace fringecal::calib {
 
 Eigen::Vector3d Bundle::corner_mm(std::size_t target) const {
-  const Eigen::Vector2d print = print_mm.empty() ? Eigen::Vector2d(Eigen::Vector2d::Zero()) : print_mm[target];
-  const Eigen::Vector2d place = targets_mm[target] + print;
-  return {place.x(), place.y(), bow_mm.dot(rows::bow_shapes(*this)[target])};
+  const Eigen::Vector2d& nominal = targets_mm[target];
+  const Eigen::Vector3d smooth(nominal.x(), nominal.y(), bow_mm.dot(rows::bow_shapes(*this)[target]));
+  return print_mm.empty() ? smooth : Eigen::Vector3d(smooth + print_mm[target]);
 }
 
 namespace rows {
@@ -15,7 +15,7 @@ namespace {
 
 struct Lens {
   double xd, yd;
-  double xx, xy, yy;              // eq. 4
+  double xx, xy, yy;             // eq. 4
   std::array<double, 5> xk, yk;  // by k1, k2, p1, p2, k3
 };
 
@@ -54,6 +54,7 @@ void set_pose_and_board(Row& row, const Eigen::RowVector3d& a, const Frame& f, c
   row.by[kPitch] = on_board[0] * place.x() + on_board[1] * place.y();
   row.by[kPrint] = on_board[0] * pitch;
   row.by[kPrint + 1] = on_board[1] * pitch;
+  row.by[kPrint + 2] = on_board[2];
 }
 
 }  // namespace
@@ -91,9 +92,13 @@ bool evaluate(const Bundle& b, const Frame& f, const Eigen::Vector3d& shape, con
   out.has = {};
   const auto target = static_cast<std::size_t>(s.target);
   Eigen::Vector2d place = b.targets_mm[target];
-  if (!b.print_mm.empty()) place += b.print_mm[target];
+  double height = f.bow.dot(shape);
+  if (!b.print_mm.empty()) {
+    place += b.print_mm[target].head<2>();
+    height += b.print_mm[target].z();
+  }
   const double pitch = 1.0 + b.pitch_error;
-  const Eigen::Vector3d board(pitch * place.x(), pitch * place.y(), f.bow.dot(shape));  // bundle.h, eq. 1
+  const Eigen::Vector3d board(pitch * place.x(), pitch * place.y(), height);  // bundle.h, eq. 1
   const Eigen::Vector3d turned = f.rotation * board, cam = turned + f.translation;
   if (!(cam.z() > 0.0)) return false;
   const auto& c = b.camera;

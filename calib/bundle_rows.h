@@ -22,7 +22,7 @@ namespace fringecal::calib::rows {
 inline constexpr int kCamera = 0, kCameraK = 4, kAxis = 9, kProjectorK = 13, kProjectorW = 18, kProjectorT = 21,
                      kPitch = 24, kBow = 25, kDense = 28;
 inline constexpr int kPoseW = 28, kPoseT = 31, kOffset = 34, kBend = 36, kPoseEnd = 39;
-inline constexpr int kPrint = 39, kColumns = 41;
+inline constexpr int kPrint = 39, kColumns = 42;
 
 struct Row {
   double residual = 0;

@@ -72,7 +72,8 @@ BundleSystem::BundleSystem(const Bundle& b, const FreeTerms& free, const Compone
       components_(components),
       loss_scale_(loss_scale),
       poses_(static_cast<int>(b.cam_from_board.size())),
-      targets_(components.print_mm > 0 ? static_cast<int>(b.targets_mm.size()) : 0) {
+      targets_(components.print_mm > 0 ? static_cast<int>(b.targets_mm.size()) : 0),
+      per_target_(components.relief_mm > 0 ? 3 : 2) {
   add_names(b);
 }
 
@@ -118,9 +119,7 @@ void BundleSystem::add_names(const Bundle& b) {
   if (components_.bow_mm > 0) add(rows::kBow, {"board bow x", "board bow y", "board twist"}, 3);
 }
 
-int BundleSystem::lens_and_pose_unknowns() const {
-  return reported_ + (free_.camera_and_poses ? 6 * poses_ : 0);
-}
+int BundleSystem::lens_and_pose_unknowns() const { return reported_ + (free_.camera_and_poses ? 6 * poses_ : 0); }
 
 double BundleSystem::prior_cost(const Bundle& b) const {
   double sum = 0;
@@ -129,7 +128,10 @@ double BundleSystem::prior_cost(const Bundle& b) const {
   };
   add(b.pitch_error, components_.pitch);
   for (const double v : b.bow_mm) add(v, components_.bow_mm);
-  for (const auto& e : b.print_mm) add(e.norm(), components_.print_mm);
+  for (const auto& e : b.print_mm) {
+    add(e.head<2>().norm(), components_.print_mm);
+    add(e.z(), components_.relief_mm);
+  }
   for (const auto& c : b.bend_mm) add(c.norm(), components_.bend_mm);
   for (const auto& o : b.phase_offset) add(o.norm(), components_.phase_offset);
   if (along_column_ >= 0) add(b.proj_from_cam.translation_mm[b.projector->x ? 1 : 0], components_.along_mm);
@@ -162,7 +164,7 @@ bool BundleSystem::linearise(const Bundle& b) {
   const auto shapes = rows::bow_shapes(b);
   const Robust robust{loss_scale_ * loss_scale_};
   const auto nd = static_cast<Index>(dense_.size()), np = static_cast<Index>(pose_.size());
-  const Index local = nd + np + 1, m = nd + 2 * targets_;
+  const Index local = nd + np + 1, m = nd + per_target_ * targets_;
   shared_.setZero(m, m);
   shared_g_.setZero(m);
   blocks_.assign(static_cast<std::size_t>(poses_), {});
@@ -184,7 +186,7 @@ bool BundleSystem::linearise(const Bundle& b) {
       const auto target = static_cast<std::size_t>(s->target);
       if (!rows::evaluate(b, frame, shapes[target], *s, rows::With::derivatives, r)) return false;
       const Index first = n;
-      Eigen::Matrix<double, 4, 2> by_print;
+      Eigen::Matrix<double, 4, 3> by_print;
       for (const auto& [from, to] : {std::pair<std::size_t, std::size_t>{0, 2}, {2, 3}, {3, 4}}) {
         if (!r.has[from]) continue;
         double r2 = 0;
@@ -196,18 +198,20 @@ bool BundleSystem::linearise(const Bundle& b) {
           for (const int column : dense_) *line++ = factor * r.row[k].by[static_cast<std::size_t>(column)];
           for (const int column : pose_) *line++ = factor * r.row[k].by[static_cast<std::size_t>(column)];
           *line = factor * r.row[k].residual;
-          by_print.row(n - first) << factor * r.row[k].by[rows::kPrint], factor * r.row[k].by[rows::kPrint + 1];
+          const auto& by = r.row[k].by;
+          by_print.row(n - first) << factor * by[rows::kPrint], factor * by[rows::kPrint + 1],
+              factor * by[rows::kPrint + 2];
           ++n;
         }
       }
       if (targets_ == 0) continue;
-      const auto e = by_print.topRows(n - first);
+      const auto e = by_print.topLeftCorner(n - first, per_target_);
       const Eigen::MatrixXd cross = e.transpose() * lines.middleRows(first, n - first);
       const Index at = print_column(target);
-      shared_.block(at, 0, 2, nd) += cross.leftCols(nd);
-      shared_.block<2, 2>(at, at) += e.transpose() * e;
-      block.w.block(0, at, np, 2) += cross.middleCols(nd, np).transpose();
-      shared_g_.segment<2>(at) += cross.col(local - 1);
+      shared_.block(at, 0, per_target_, nd) += cross.leftCols(nd);
+      shared_.block(at, at, per_target_, per_target_) += e.transpose() * e;
+      block.w.block(0, at, np, per_target_) += cross.middleCols(nd, np).transpose();
+      shared_g_.segment(at, per_target_) += cross.col(local - 1);
     }
     const Eigen::MatrixXd normal = lines.topRows(n).transpose() * lines.topRows(n);
     shared_.topLeftCorner(nd, nd) += normal.topLeftCorner(nd, nd);
@@ -238,8 +242,9 @@ void BundleSystem::add_priors(const Bundle& b) {
   }
   for (int t = 0; t < targets_; ++t) {
     const auto target = static_cast<std::size_t>(t);
-    for (const Index c : {0, 1}) {
-      shared(print_column(target) + c, b.print_mm.empty() ? 0.0 : b.print_mm[target][c], components_.print_mm);
+    for (Index c = 0; c < per_target_; ++c) {
+      shared(print_column(target) + c, b.print_mm.empty() ? 0.0 : b.print_mm[target][c],
+             c < 2 ? components_.print_mm : components_.relief_mm);
     }
   }
   for (std::size_t j = 0; j < blocks_.size(); ++j) {
@@ -278,8 +283,8 @@ std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lam
   }
   // Scaled to a unit diagonal: focal lengths and k2 differ by 1e5.
   const Eigen::VectorXd scale = s.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::MatrixXd scaled = scale.asDiagonal() * Eigen::MatrixXd(s.selfadjointView<Eigen::Lower>()) *
-                                 scale.asDiagonal();
+  const Eigen::MatrixXd scaled =
+      scale.asDiagonal() * Eigen::MatrixXd(s.selfadjointView<Eigen::Lower>()) * scale.asDiagonal();
   const Eigen::LLT<Eigen::MatrixXd> reduced(scaled);
   if (reduced.info() != Eigen::Success) return std::nullopt;
   const Eigen::VectorXd ds = -(scale.asDiagonal() * reduced.solve(scale.asDiagonal() * g));
@@ -289,7 +294,7 @@ std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lam
   Bundle& next = out.bundle;
   next.bend_mm.resize(static_cast<std::size_t>(poses_), Eigen::Vector3d::Zero());
   next.phase_offset.resize(static_cast<std::size_t>(poses_), Eigen::Vector2d::Zero());
-  next.print_mm.resize(b.targets_mm.size(), Eigen::Vector2d::Zero());
+  next.print_mm.resize(b.targets_mm.size(), Eigen::Vector3d::Zero());
   Eigen::Vector3d projector_w = Eigen::Vector3d::Zero();
   double* const camera[] = {&next.camera.fx_px, &next.camera.fy_px, &next.camera.cx_px, &next.camera.cy_px};
   for (std::size_t i = 0; i < dense_.size(); ++i) {
@@ -316,7 +321,8 @@ std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lam
   }
   next.proj_from_cam.rotation = (rotation_from_vector(projector_w) * next.proj_from_cam.rotation).normalized();
   for (int t = 0; t < targets_; ++t) {
-    next.print_mm[static_cast<std::size_t>(t)] += ds.segment<2>(print_column(static_cast<std::size_t>(t)));
+    next.print_mm[static_cast<std::size_t>(t)].head(per_target_) +=
+        ds.segment(print_column(static_cast<std::size_t>(t)), per_target_);
   }
   for (std::size_t j = 0; j < blocks_.size(); ++j) {
     if (pose_.empty()) break;
@@ -345,10 +351,10 @@ std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lam
 
 Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
   const auto open = [](const std::string& what) {
-    return unanswerable(
-        fmt::format("the poses do not determine {}: boards that are parallel, or too alike; capture the board tilted by "
-                    "20 to 40 degrees about different axes",
-                    what));
+    return unanswerable(fmt::format(
+        "the poses do not determine {}: boards that are parallel, or too alike; capture the board tilted by "
+        "20 to 40 degrees about different axes",
+        what));
   };
   Eigen::MatrixXd s = shared_;
   const auto nd = static_cast<Index>(dense_.size()), np = static_cast<Index>(pose_.size());
@@ -361,7 +367,8 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
     s.noalias() -= blocks_[j].w.transpose() * k.back();
   }
   Inverse c = inverse_of(0.5 * (s + s.transpose()));
-  if (c.open >= 0) return open(c.open < nd ? names_[static_cast<std::size_t>(c.open)] : "a corner's place on the board");
+  if (c.open >= 0)
+    return open(c.open < nd ? names_[static_cast<std::size_t>(c.open)] : "a corner's place on the board");
   if (!c.matrix.allFinite()) return unanswerable("the covariance of the calibration is not finite; capture more poses");
   Posterior out;
   out.shared = std::move(c.matrix);
@@ -373,8 +380,9 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
   };
   for (int t = 0; t < targets_; ++t) {
     const Index at = print_column(static_cast<std::size_t>(t));
-    for (const Index i : {0, 1}) {
-      note(out.print, b.print_mm[static_cast<std::size_t>(t)][i], components_.print_mm, css(at + i, at + i));
+    for (Index i = 0; i < per_target_; ++i) {
+      note(i < 2 ? out.print : out.relief, b.print_mm[static_cast<std::size_t>(t)][i],
+           i < 2 ? components_.print_mm : components_.relief_mm, css(at + i, at + i));
     }
   }
 
@@ -385,7 +393,7 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
   }
   SightRows r;
   for (std::size_t j = 0; j < blocks_.size(); ++j) {
-    const Eigen::MatrixXd cps = -k[j] * css;                               // eq. 2
+    const Eigen::MatrixXd cps = -k[j] * css;  // eq. 2
     const Eigen::MatrixXd cpp = inverse_a[j] - cps * k[j].transpose();
     for (std::size_t i = 0; i < pose_.size(); ++i) {
       const auto at = static_cast<Index>(i);
@@ -396,7 +404,7 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
       }
     }
     const rows::Frame frame = rows::frame_of(b, j);
-    const Index ne = targets_ > 0 ? 2 : 0, local = nd + np + ne;
+    const Index ne = targets_ > 0 ? per_target_ : 0, local = nd + np + ne;
     Eigen::MatrixXd covariance(local, local);
     covariance.topLeftCorner(nd, nd) = css.topLeftCorner(nd, nd);
     covariance.block(nd, 0, np, nd) = cps.leftCols(nd);
@@ -408,22 +416,71 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
       if (!rows::evaluate(b, frame, shapes[target], sight, rows::With::derivatives, r)) continue;
       if (ne > 0) {
         const Index at = print_column(target);
-        covariance.block(nd + np, 0, 2, nd) = css.block(at, 0, 2, nd);
-        covariance.block(nd + np, nd, 2, np) = cps.middleCols(at, 2).transpose();
-        covariance.block<2, 2>(nd + np, nd + np) = css.block<2, 2>(at, at);
+        covariance.block(nd + np, 0, ne, nd) = css.block(at, 0, ne, nd);
+        covariance.block(nd + np, nd, ne, np) = cps.middleCols(at, ne).transpose();
+        covariance.block(nd + np, nd + np, ne, ne) = css.block(at, at, ne, ne);
       }
       for (std::size_t q = 0; q < 4; ++q) {
         if (!r.has[q]) continue;
         const double factor = whitening(sight, q, components_);
-        for (Index n = 0; n < nd; ++n) line[n] = factor * r.row[q].by[static_cast<std::size_t>(dense_[static_cast<std::size_t>(n)])];
-        for (Index n = 0; n < np; ++n) line[nd + n] = factor * r.row[q].by[static_cast<std::size_t>(pose_[static_cast<std::size_t>(n)])];
-        for (Index n = 0; n < ne; ++n) line[nd + np + n] = factor * r.row[q].by[static_cast<std::size_t>(rows::kPrint + n)];
+        for (Index n = 0; n < nd; ++n)
+          line[n] = factor * r.row[q].by[static_cast<std::size_t>(dense_[static_cast<std::size_t>(n)])];
+        for (Index n = 0; n < np; ++n)
+          line[nd + n] = factor * r.row[q].by[static_cast<std::size_t>(pose_[static_cast<std::size_t>(n)])];
+        for (Index n = 0; n < ne; ++n)
+          line[nd + np + n] = factor * r.row[q].by[static_cast<std::size_t>(rows::kPrint + n)];
         const double h = line.dot(covariance.selfadjointView<Eigen::Lower>() * line);
         out.readings.push_back({i, q < 2 ? Group::camera : Group::projector, factor * r.row[q].residual, h});
       }
     }
   }
   return out;
+}
+
+Result<Eigen::MatrixXd> BundleSystem::jackknife(const Bundle& b) const {
+  // A system of no sights has the priors only, one of a single pose's sights those and the pose's part.
+  Bundle part = b;
+  const auto with_pose = [&](int pose) {
+    for (std::size_t i = 0; i < b.sights.size(); ++i)
+      part.sights[i].used = b.sights[i].used && b.sights[i].pose == pose;
+    BundleSystem system(part, free_, components_, loss_scale_);
+    system.linearise(part);
+    return system;
+  };
+  const BundleSystem none = with_pose(-1);
+  std::vector<Eigen::MatrixXd> information;
+  std::vector<Eigen::VectorXd> gradient;
+  Eigen::MatrixXd s = none.shared_;
+  for (int pose = 0; pose < poses_; ++pose) {
+    const BundleSystem one = with_pose(pose);
+    const PoseBlock& block = one.blocks_[static_cast<std::size_t>(pose)];
+    Eigen::MatrixXd i = one.shared_ - none.shared_;
+    Eigen::VectorXd g = one.shared_g_ - none.shared_g_;
+    if (block.a.rows() > 0) {
+      const Eigen::LLT<Eigen::MatrixXd> llt(block.a);
+      if (llt.info() != Eigen::Success) return unanswerable(fmt::format("pose {} is not determined", pose + 1));
+      const Eigen::MatrixXd half = llt.matrixL().solve(block.w);
+      i.noalias() -= half.transpose() * half;
+      g.noalias() -= half.transpose() * llt.matrixL().solve(block.g);
+    }
+    s += i;
+    information.push_back(std::move(i));
+    gradient.push_back(std::move(g));
+  }
+  Eigen::MatrixXd moves(reported_, poses_);
+  for (int pose = 0; pose < poses_; ++pose) {
+    const Eigen::MatrixXd rest = s - information[static_cast<std::size_t>(pose)];
+    const Eigen::VectorXd scale = rest.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    const Eigen::LLT<Eigen::MatrixXd> llt(scale.asDiagonal() * rest * scale.asDiagonal());
+    if (llt.info() != Eigen::Success) {
+      return unanswerable(fmt::format("without pose {} the other poses do not determine the scanner", pose + 1));
+    }
+    const Eigen::VectorXd d =
+        scale.asDiagonal() * llt.solve(scale.asDiagonal() * gradient[static_cast<std::size_t>(pose)]);
+    moves.col(pose) = d.head(reported_);  // eq. 3
+  }
+  moves.colwise() -= Eigen::VectorXd(moves.rowwise().mean());
+  return Eigen::MatrixXd((poses_ - 1.0) / poses_ * moves * moves.transpose());
 }
 
 }  // namespace fringecal::calib

@@ -27,6 +27,7 @@ namespace fringecal::calib {
 struct Components {
   double camera = 1, projector = 1;  // factors on the stated uncertainties of the readings
   double print_mm = 0;               // of each corner and coordinate, the same in all poses
+  double relief_mm = 0;              // of each corner's height; only where print_mm is free too
   double bend_mm = 0;                // of each term of c_j (bundle.h, eq. 1), new in every pose
   double phase_offset = 0;           // of o_j, in the code's unit, new in every capture
   double pitch = 0;                  // relative, of the board
@@ -53,7 +54,7 @@ struct Reading {
 
 /// Sums of squares and redundancies of the scattering quantities, for their variance components.
 struct Scatter {
-  double squares = 0;  // sum of (value / standard deviation)^2
+  double squares = 0;     // sum of (value / standard deviation)^2
   double redundancy = 0;  // number - sum of posterior over prior variance
   int count = 0;
 };
@@ -77,9 +78,15 @@ class BundleSystem {
   struct Posterior {
     Eigen::MatrixXd shared;  // C_ss, columns as names()
     std::vector<Reading> readings;
-    Scatter print, bend, phase_offset;
+    Scatter print, relief, bend, phase_offset;
   };
   Result<Posterior> posterior(const Bundle& bundle) const;
+
+  /// Covariance of the reported unknowns from what leaving out one pose at a time would change (one Newton step each from
+  /// the linearisation), the jackknife over poses: (n - 1) / n sum_j (d_j - mean)(d_j - mean)^T,
+  ///   d_j = (S - I_j)^-1 g'_j,  I_j, g'_j the pose's own part of S and of the reduced gradient in eq. 1           (3)
+  /// It needs no model of how the readings of one pose err together. [Efron1982] No result: a pose that nothing replaces.
+  Result<Eigen::MatrixXd> jackknife(const Bundle& bundle) const;
 
   /// Names of the shared unknowns but the printing errors; reported() of them belong in the Scanner's covariance.
   const std::vector<std::string>& names() const { return names_; }
@@ -95,16 +102,17 @@ class BundleSystem {
   void add_priors(const Bundle& bundle);
   double prior_cost(const Bundle& bundle) const;
   Eigen::Index print_column(std::size_t target) const {
-    return static_cast<Eigen::Index>(dense_.size() + 2 * target);
+    return static_cast<Eigen::Index>(dense_.size()) + per_target_ * static_cast<Eigen::Index>(target);
   }
 
   FreeTerms free_;
   Components components_;
   double loss_scale_;
   int poses_ = 0, targets_ = 0;
+  Eigen::Index per_target_ = 2;
   bool one_axis_ = false;
-  int along_column_ = -1;                    // of rows::, held by a prior; -1: none
-  std::vector<int> dense_, pose_;            // the free columns of rows::
+  int along_column_ = -1;          // of rows::, held by a prior; -1: none
+  std::vector<int> dense_, pose_;  // the free columns of rows::
   std::vector<std::string> names_, pose_names_;
   int reported_ = 0;
   Eigen::MatrixXd shared_;

@@ -186,14 +186,19 @@ std::vector<model::Prior> priors_of(const Components& c, CodeAxis main) {
   if (c.bow_mm > 0) {
     out.push_back({"board.bow_mm", 0.0, c.bow_mm, "two parabolas and a twist over the board's field"});
   }
+  if (c.relief_mm > 0) {
+    out.push_back({"board.relief_mm", 0.0, c.relief_mm,
+                   "of each corner's height over the smooth board, the same in every pose; estimated from the views"});
+  }
   if (c.bend_mm > 0) {
     out.push_back({"board.bend_mm", 0.0, c.bend_mm,
                    "two parabolas and a twist, new in every pose: how the board is held; estimated from the views"});
   }
   if (c.phase_offset > 0) {
-    out.push_back({"capture.phase_offset", 0.0, c.phase_offset,
-                   "of u, one value for all corners of a capture: the mean error of its phase steps; estimated from the "
-                   "views"});
+    out.push_back(
+        {"capture.phase_offset", 0.0, c.phase_offset,
+         "of u, one value for all corners of a capture: the mean error of its phase steps; estimated from the "
+         "views"});
   }
   if (c.along_mm > 0) {
     out.push_back(
@@ -285,6 +290,7 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
     settings.free.camera = choice->terms;
     words = fmt::format(" ({})", choice->words);
   }
+  settings.pose_check = staged ? PoseCheck::yes : PoseCheck::no;
   const auto alone = solve_bundle(bundle, settings);
   if (!alone) return tl::unexpected(alone.error());
   method += fmt::format("; camera terms {}{}", name_of(settings.free.camera), words);
@@ -303,6 +309,7 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
     // Starts of the components that are estimated, generous: a start that is too small holds a capture's offset back, and
     // its corners look like outliers. A tenth of the bow's prior; ten times what a corner's u is uncertain by.
     settings.components.bend_mm = 0.1 * settings.components.bow_mm;
+    if (board.u_print_mm > 0) settings.components.relief_mm = 0.1 * settings.components.bow_mm;
     settings.components.phase_offset = 10.0 * mean_u_coordinate(bundle, main);
   }
   if (!both) settings.components.along_mm = 0.1 * bundle.proj_from_cam.translation_mm.norm();
@@ -316,6 +323,7 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
     settings.free.projector = options.projector_terms;
     method += name_of(settings.free.projector);
   }
+  settings.pose_check = PoseCheck::yes;
   auto report = solve_bundle(bundle, settings);
   if (!report) return tl::unexpected(report.error());
   if (staged) {
@@ -333,11 +341,24 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   method += fmt::format("; stated u of camera corners times {:.3g}, of projector coordinates times {:.3g}",
                         report->components.camera, report->components.projector);
   if (report->components.bow_mm > 0) {
-    method += fmt::format("; board bow {:+.3f} mm along x, {:+.3f} mm along y, twist {:+.3f} mm, bent by {:.3f} mm from pose to pose",
-                          bundle.bow_mm.x(), bundle.bow_mm.y(), bundle.bow_mm.z(), report->components.bend_mm);
+    method += fmt::format(
+        "; board bow {:+.3f} mm along x, {:+.3f} mm along y, twist {:+.3f} mm, bent by {:.3f} mm from pose to pose",
+        bundle.bow_mm.x(), bundle.bow_mm.y(), bundle.bow_mm.z(), report->components.bend_mm);
   }
   if (report->components.phase_offset > 0) {
-    method += fmt::format("; captures' phases offset by {:.2g} {} rms", report->components.phase_offset, plan.code(main)->unit);
+    method += fmt::format("; captures' phases offset by {:.2g} {} rms", report->components.phase_offset,
+                          plan.code(main)->unit);
+  }
+
+  if (report->pose_scatter > 0) {
+    method += fmt::format("; scatter from pose to pose {:.2f} of what the covariance says (at most {:.2f} by chance)",
+                          report->pose_scatter, report->pose_scatter_limit);
+  }
+  if (report->widened > 1) {
+    method += fmt::format(
+        ", so all standard uncertainties are widened by {:.1f}: the poses do not agree with one rigid "
+        "board and one scanner",
+        report->widened);
   }
 
   Scanner scanner;

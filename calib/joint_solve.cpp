@@ -14,6 +14,8 @@ namespace {
 
 constexpr double kRejectBeyond = 4.0;  // standard deviations: 6e-5 of good components, calibrate.h
 constexpr double kTakeBackBelow = 0.9;
+// A relief or bend below this share of its start (1e-4 of the board's diagonal) is a micrometre: taken for none.
+constexpr double kAbsent = 0.03;
 // Readings better than a thousandth of what they state are taken for a thousandth: without a floor, readings without
 // any error would drown the priors in rounding. The same holds for what scatters from capture to capture.
 constexpr double kLeastScale = 1e-3;
@@ -114,9 +116,7 @@ class Solver {
  public:
   Solver(Bundle& bundle, const SolveSettings& settings)
       : bundle_(bundle), settings_(settings), components_(settings.components) {
-    const auto zeros = [&](auto& list, std::size_t n) {
-      list.resize(n, std::decay_t<decltype(list[0])>::Zero());
-    };
+    const auto zeros = [&](auto& list, std::size_t n) { list.resize(n, std::decay_t<decltype(list[0])>::Zero()); };
     zeros(bundle.print_mm, bundle.targets_mm.size());
     zeros(bundle.bend_mm, bundle.cam_from_board.size());
     zeros(bundle.phase_offset, bundle.cam_from_board.size());
@@ -131,12 +131,14 @@ class Solver {
   /// Eq. 2 for one pass; true where nothing changed by as much as matters.
   Result<bool> update_components(const BundleSystem::Posterior& posterior);
   Result<SolveReport> report(const BundleSystem& system, BundleSystem::Posterior posterior);
+  Result<Eigen::MatrixXd> with_known_components(const BundleSystem::Posterior& posterior) const;
+  void check_poses(const BundleSystem& system, const BundleSystem::Posterior& posterior, SolveReport& report) const;
 
   Bundle& bundle_;
   const SolveSettings& settings_;
   Components components_;
-  std::array<double, 2> least_{0.0, 0.0};    // the robust passes' scales
-  std::array<double, 2> judged_{1.0, 1.0};   // scales by which corners are rejected, in units of the whitening
+  std::array<double, 2> least_{0.0, 0.0};   // the robust passes' scales
+  std::array<double, 2> judged_{1.0, 1.0};  // scales by which corners are rejected, in units of the whitening
   int iterations_ = 0;
 };
 
@@ -202,8 +204,8 @@ Result<bool> Solver::update_components(const BundleSystem::Posterior& posterior)
   for (const std::size_t g : {0U, 1U}) {
     if (!(count[g] > 0)) continue;
     if (!(redundancy[g] >= 3.0)) {
-      return unanswerable(fmt::format("{:.0f} {} readings leave {:.1f} degrees of freedom; capture more poses", count[g],
-                                      g == 0 ? "camera" : "projector", redundancy[g]));
+      return unanswerable(fmt::format("{:.0f} {} readings leave {:.1f} degrees of freedom; capture more poses",
+                                      count[g], g == 0 ? "camera" : "projector", redundancy[g]));
     }
     const double factor = std::sqrt(chi2[g] / redundancy[g]);  // eq. 2
     const double next = std::max(*scales[g] * factor, kLeastScale);
@@ -222,8 +224,18 @@ Result<bool> Solver::update_components(const BundleSystem::Posterior& posterior)
     sd = next;
   };
   update(components_.print_mm, posterior.print, settings_.components.print_mm);
+  update(components_.relief_mm, posterior.relief, settings_.components.relief_mm);
   update(components_.bend_mm, posterior.bend, settings_.components.bend_mm);
   update(components_.phase_offset, posterior.phase_offset, settings_.components.phase_offset);
+  // What the views have shown to be absent need not be solved for.
+  if (components_.relief_mm > 0 && components_.relief_mm < kAbsent * settings_.components.relief_mm) {
+    components_.relief_mm = 0;
+    for (auto& e : bundle_.print_mm) e.z() = 0;
+  }
+  if (components_.bend_mm > 0 && components_.bend_mm < kAbsent * settings_.components.bend_mm) {
+    components_.bend_mm = 0;
+    for (auto& c : bundle_.bend_mm) c.setZero();
+  }
   return settled;
 }
 
@@ -250,7 +262,8 @@ Result<SolveReport> Solver::run() {
     int changed = 0;
     if (may_reject) {
       const auto without = readings_of(bundle_, components_, false);
-      changed = reject(bundle_, posterior->readings, pass < kTakeBackPasses ? *without : std::vector<Reading>(), judged_);
+      changed =
+          reject(bundle_, posterior->readings, pass < kTakeBackPasses ? *without : std::vector<Reading>(), judged_);
     }
     settled = *same && changed == 0;
   }
@@ -268,10 +281,13 @@ Result<SolveReport> Solver::report(const BundleSystem& system, BundleSystem::Pos
   }
   const int reported = system.reported();
   out.covariance.names.assign(system.names().begin(), system.names().begin() + reported);
-  out.covariance.covariance = posterior.shared.topLeftCorner(reported, reported);
+  auto covariance = with_known_components(posterior);
+  if (!covariance) return tl::unexpected(covariance.error());
+  out.covariance.covariance = covariance->topLeftCorner(reported, reported);
   if (reported > 0 && !(out.covariance.covariance.diagonal().minCoeff() > 0.0)) {
     return unanswerable("the covariance of the calibration is not positive; capture more poses");
   }
+  if (settings_.pose_check == PoseCheck::yes) check_poses(system, posterior, out);
   out.components = components_;
   out.chi2 = system.cost(bundle_);
   double squares[2] = {0, 0}, redundancy = 0, chi2 = 0;
@@ -294,6 +310,42 @@ Result<SolveReport> Solver::report(const BundleSystem& system, BundleSystem::Pos
   for (const Sight& s : bundle_.sights) out.n_rejected += s.used ? 0 : 1;
   out.iterations = iterations_;
   return out;
+}
+
+/// C_ss with every variance component s^2 from r degrees of freedom taken as s^2 r / (r - 2): the variance of what is known
+/// to have scattered that much [JCGM101, 6.4.9.2].
+Result<Eigen::MatrixXd> Solver::with_known_components(const BundleSystem::Posterior& posterior) const {
+  Components known = components_;
+  const auto widen = [](double& sd, const Scatter& scatter) {
+    // Below four degrees of freedom the factor says no more than that little is known.
+    const double r = std::max(scatter.redundancy, 4.0);
+    if (sd > 0) sd *= std::sqrt(r / (r - 2.0));
+  };
+  widen(known.print_mm, posterior.print);
+  widen(known.relief_mm, posterior.relief);
+  widen(known.bend_mm, posterior.bend);
+  widen(known.phase_offset, posterior.phase_offset);
+  BundleSystem system(bundle_, settings_.free, known);
+  if (!system.linearise(bundle_)) return tl::unexpected(no_explanation());
+  auto widened = system.posterior(bundle_);
+  if (!widened) return tl::unexpected(widened.error());
+  return std::move(widened->shared);
+}
+
+void Solver::check_poses(const BundleSystem& system, const BundleSystem::Posterior& posterior, SolveReport& out) const {
+  const auto jackknife = system.jackknife(bundle_);
+  const double n = static_cast<double>(bundle_.cam_from_board.size());
+  // Without one of three poses the rest seldom determine anything; with them alone there is no scatter to judge by.
+  if (!jackknife || n < 4) return;
+  Eigen::MatrixXd& covariance = out.covariance.covariance;
+  const double k = static_cast<double>(covariance.rows());
+  const auto stated = posterior.shared.diagonal().head(covariance.rows());
+  out.pose_scatter = jackknife->diagonal().cwiseQuotient(stated).mean();  // eq. 4
+  // Each ratio scatters as chi2 / (n - 1) about 1; about half of the parameters vary on their own.
+  out.pose_scatter_limit = 1.0 + 4.0 * std::sqrt(4.0 / ((n - 1.0) * k));
+  if (!(out.pose_scatter > out.pose_scatter_limit)) return;
+  out.widened = std::sqrt(out.pose_scatter * (n - 1.0) / std::max(n - 3.0, 1.0));
+  covariance *= out.widened * out.widened;
 }
 
 }  // namespace

@@ -23,6 +23,7 @@ int main(int argc, char** argv) {
   cli::add_commission(app);
   cli::add_align(app);
   cli::add_calibrate(app);
+  cli::add_compare(app);
   cli::add_measure(app);
   cli::add_fit(app);
   cli::add_import(app);

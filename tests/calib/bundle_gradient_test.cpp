@@ -38,7 +38,7 @@ Bundle sample() {
   b.bow_mm = {0.1, -0.05, 0.03};
   b.bend_mm = {{0.01, 0.02, -0.03}, {-0.02, 0.01, 0.02}};
   b.phase_offset = {{1e-4, -2e-4}, {3e-4, 1e-4}};
-  for (int i = 0; i < 9; ++i) b.print_mm.emplace_back(0.01 * (i % 2), -0.02 + 0.005 * i);
+  for (int i = 0; i < 9; ++i) b.print_mm.emplace_back(0.01 * (i % 2), -0.02 + 0.005 * i, 0.01 * (i % 3));
   const auto shapes = rows::bow_shapes(b);
   for (int pose = 0; pose < 2; ++pose) {
     for (int i = 0; i < 9; ++i) {
@@ -115,8 +115,10 @@ TEST(BundleGradient, OfEveryColumnIsTheNumericOne) {
     const double h = 1e-3;
     const auto coarse = difference(h), fine = difference(0.5 * h);
     for (std::size_t k = 0; k < 4; ++k) {
-      const double numeric = (4.0 * fine[k] - coarse[k]) / 3.0, written = analytic.row[k].by[static_cast<std::size_t>(column)];
-      EXPECT_NEAR(written, numeric, 1e-8 * std::max(std::abs(numeric), k < 2 ? 10.0 : 0.1)) << "row " << k << ", column " << column;
+      const double numeric = (4.0 * fine[k] - coarse[k]) / 3.0,
+                   written = analytic.row[k].by[static_cast<std::size_t>(column)];
+      EXPECT_NEAR(written, numeric, 1e-8 * std::max(std::abs(numeric), k < 2 ? 10.0 : 0.1))
+          << "row " << k << ", column " << column;
     }
   }
 }
@@ -130,28 +132,31 @@ TEST(BundleRows, AreNotThereForAPointBehindTheLens) {
 
 TEST(BundleSystem, LeveragesOfReadingsAndComponentsAddUpToTheUnknowns) {
   const Bundle b = sample();
-  const Components c{.print_mm = 0.01, .bend_mm = 0.02, .phase_offset = 1e-3, .pitch = 1e-4, .bow_mm = 0.1};
+  const Components c{
+      .print_mm = 0.01, .relief_mm = 0.01, .bend_mm = 0.02, .phase_offset = 1e-3, .pitch = 1e-4, .bow_mm = 0.1};
   BundleSystem system(b, {DistortionTerms::radial, DistortionTerms::radial}, c);
   ASSERT_TRUE(system.linearise(b));
   const auto posterior = system.posterior(b);
   ASSERT_TRUE(posterior) << posterior.error().sentence;
   // tr(N^-1 J^T J) over all rows, the priors' among them, is the number of unknowns: lenses 6 + 6, relative pose 6, pitch
-  // 1, bow 3, 2 x (6 pose + 2 offsets + 3 bends), 18 printing errors. A prior's leverage is posterior / prior variance.
+  // 1, bow 3, 2 x (6 pose + 2 offsets + 3 bends), 27 of corners. A prior's leverage is posterior / prior variance.
   double sum = 0;
   for (const auto& r : posterior->readings) sum += r.leverage;
-  for (const Scatter* s : {&posterior->print, &posterior->bend, &posterior->phase_offset}) sum += s->count - s->redundancy;
+  for (const Scatter* s : {&posterior->print, &posterior->relief, &posterior->bend, &posterior->phase_offset})
+    sum += s->count - s->redundancy;
   const auto& names = system.names();
   for (std::size_t i = 0; i < names.size(); ++i) {
     const double sd = names[i] == "board scale" ? c.pitch : names[i].starts_with("board") ? c.bow_mm : 0.0;
     if (sd > 0) sum += posterior->shared(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) / (sd * sd);
   }
   // The condition of the scaled normal equations of two poses and nine corners, some 1e8, times the rounding.
-  EXPECT_NEAR(sum, 6 + 6 + 6 + 1 + 3 + 2 * 11 + 18, 1e-5);
+  EXPECT_NEAR(sum, 6 + 6 + 6 + 1 + 3 + 2 * 11 + 27, 1e-5);
 }
 
 TEST(BundleSystem, UndampedStepsReachAStationaryPoint) {
   Bundle b = sample();
-  const Components c{.print_mm = 0.01, .bend_mm = 0.02, .phase_offset = 1e-3, .pitch = 1e-4, .bow_mm = 0.1};
+  const Components c{
+      .print_mm = 0.01, .relief_mm = 0.01, .bend_mm = 0.02, .phase_offset = 1e-3, .pitch = 1e-4, .bow_mm = 0.1};
   BundleSystem system(b, {DistortionTerms::radial, DistortionTerms::radial}, c);
   double decrement2 = 1;
   for (int i = 0; i < 20; ++i) {

@@ -69,10 +69,12 @@ std::vector<model::BoardObservation> observe(const model::Scanner& scanner, cons
         c.u_pixel_px = std::max(errors.u_pixel_px, 1e-3);
         const double u = std::max(errors.u_coordinate_mm, 1e-6);
         if (scanner.projector.x) {
-          c.x = Uncertain{*scanner.projector.project(CodeAxis::x, in_proj) + offset.x() + errors.u_coordinate_mm * normal(), u};
+          c.x = Uncertain{
+              *scanner.projector.project(CodeAxis::x, in_proj) + offset.x() + errors.u_coordinate_mm * normal(), u};
         }
         if (scanner.projector.y) {
-          c.y = Uncertain{*scanner.projector.project(CodeAxis::y, in_proj) + offset.y() + errors.u_coordinate_mm * normal(), u};
+          c.y = Uncertain{
+              *scanner.projector.project(CodeAxis::y, in_proj) + offset.y() + errors.u_coordinate_mm * normal(), u};
         }
         o.corners.push_back(c);
       }
