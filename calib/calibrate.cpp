@@ -73,24 +73,25 @@ struct Choice {
   std::string words;  // the figures, for Scanner.method
 };
 
-Result<Choice> choose_terms(Bundle& bundle, SolveSettings settings, DistortionTerms SolveSettings::*terms) {
-  settings.*terms = DistortionTerms::full;
+Result<Choice> choose_terms(Bundle& bundle, SolveSettings settings, DistortionTerms FreeTerms::*terms) {
+  settings.free.*terms = DistortionTerms::full;
   Bundle richest = bundle;
   auto reference = solve_bundle(richest, settings);
   if (!reference) {
-    settings.*terms = DistortionTerms::radial;
+    settings.free.*terms = DistortionTerms::radial;
     richest = bundle;
     reference = solve_bundle(richest, settings);
     if (!reference) return tl::unexpected(reference.error());
     bundle = std::move(richest);
     return Choice{DistortionTerms::radial, "richer sets are not determined by the poses"};
   }
-  settings.fixed_scales = Eigen::Vector2d(reference->scale_camera, reference->scale_projector);
+  settings.components = reference->components;
+  settings.fixed_components = true;
   Choice best;
   double best_bic = 0;
   std::optional<Bundle> solved;
   for (const DistortionTerms candidate : kRicher) {
-    settings.*terms = candidate;
+    settings.free.*terms = candidate;
     Bundle trial = bundle;
     for (std::size_t k = 0; k < trial.sights.size(); ++k) trial.sights[k].used = richest.sights[k].used;
     const auto report = solve_bundle(trial, settings);
@@ -149,6 +150,19 @@ double mean_distance_mm(const Bundle& bundle) {
   return sum / static_cast<double>(bundle.sights.size());
 }
 
+/// Root mean square of the stated uncertainties of the projector coordinates.
+double mean_u_coordinate(const Bundle& bundle, CodeAxis axis) {
+  double sum = 0;
+  int count = 0;
+  for (const Sight& s : bundle.sights) {
+    const auto& u = axis == CodeAxis::x ? s.x : s.y;
+    if (!u) continue;
+    sum += u->u * u->u;
+    ++count;
+  }
+  return count > 0 ? std::sqrt(sum / count) : 0.0;
+}
+
 /// The sentence about a focal length that the poses leave open by more than a tenth, or nothing.
 std::string open_focal_length(const model::ParameterCovariance& covariance, const std::string& name, double f) {
   const double u = covariance.u(name).value_or(0.0);
@@ -159,20 +173,36 @@ std::string open_focal_length(const model::ParameterCovariance& covariance, cons
       name, f, u);
 }
 
-std::vector<model::Prior> priors_of(const SolveSettings& s, CodeAxis main) {
+/// What priors and variance components held at the solution.
+std::vector<model::Prior> priors_of(const Components& c, CodeAxis main) {
   std::vector<model::Prior> out;
-  if (s.u_pitch_relative > 0) {
-    out.push_back({"board.pitch_relative_error", 0.0, s.u_pitch_relative, "the board's certificate or its maker"});
+  if (c.pitch > 0) {
+    out.push_back({"board.pitch_relative_error", 0.0, c.pitch, "the board's certificate or its maker"});
   }
-  if (s.u_print_mm > 0) {
-    out.push_back({"board.print_error_mm", 0.0, s.u_print_mm, "of each corner, x and y, the same in every pose"});
+  if (c.print_mm > 0) {
+    out.push_back({"board.print_error_mm", 0.0, c.print_mm,
+                   "of each corner, x and y, the same in every pose; estimated from the views"});
   }
-  if (s.u_bow_mm > 0) {
-    out.push_back({"board.bow_mm", 0.0, s.u_bow_mm, "two parabolas over the board's field, across x and y"});
+  if (c.bow_mm > 0) {
+    out.push_back({"board.bow_mm", 0.0, c.bow_mm, "two parabolas and a twist over the board's field"});
   }
-  if (s.u_along_mm > 0) {
+  if (c.relief_mm > 0) {
+    out.push_back({"board.relief_mm", 0.0, c.relief_mm,
+                   "of each corner's height over the smooth board, the same in every pose; estimated from the views"});
+  }
+  if (c.bend_mm > 0) {
+    out.push_back({"board.bend_mm", 0.0, c.bend_mm,
+                   "two parabolas and a twist, new in every pose: how the board is held; estimated from the views"});
+  }
+  if (c.phase_offset > 0) {
     out.push_back(
-        {main == CodeAxis::x ? "proj_from_cam.translation_y_mm" : "proj_from_cam.translation_x_mm", 0.0, s.u_along_mm,
+        {"capture.phase_offset", 0.0, c.phase_offset,
+         "of u, one value for all corners of a capture: the mean error of its phase steps; estimated from the "
+         "views"});
+  }
+  if (c.along_mm > 0) {
+    out.push_back(
+        {main == CodeAxis::x ? "proj_from_cam.translation_y_mm" : "proj_from_cam.translation_x_mm", 0.0, c.along_mm,
          "the code of one axis does not see the projector's place along the fringes; the pupils are taken as level "
          "along them within a tenth of the base line"});
   }
@@ -198,14 +228,14 @@ void fill_observations(Scanner& scanner, std::span<const BoardObservation> obser
     for (auto& c : o.corners) {
       const Sight& sight = bundle.sights[k++];
       c.used = sight.used;
-      c.u_pixel_px = sight.u_pixel_px * report.scale_camera;
-      if (c.x) c.x->u *= report.scale_projector;
-      if (c.y) c.y->u *= report.scale_projector;
+      c.u_pixel_px = sight.u_pixel_px * report.components.camera;
+      if (c.x) c.x->u *= report.components.projector;
+      if (c.y) c.y->u *= report.components.projector;
     }
   }
 }
 
-/// bundle_cost.h, eq. 1, at the solution.
+/// bundle.h, eq. 1, at the solution.
 std::vector<Eigen::Vector3d> estimated_corners(const model::Board& board, const Bundle& bundle) {
   std::vector<Eigen::Vector3d> out;
   for (int row = 0; row < board.rows; ++row) {
@@ -247,22 +277,23 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   if (staged) {
     settings.outliers = Outliers::keep;
   } else {
-    settings.u_print_mm = board.u_print_mm;
-    settings.u_pitch_relative = board.u_pitch_relative;
+    settings.components.print_mm = board.u_print_mm;
+    settings.components.pitch = board.u_pitch_relative;
   }
   std::string method = staged ? "camera alone by plain least squares, then the projector with the camera held"
                               : "camera and projector jointly, robust least squares with variance components";
-  settings.camera_terms = options.camera_terms;
+  settings.free.camera = options.camera_terms;
   std::string words;
   if (options.camera_terms == DistortionTerms::automatic) {
-    auto choice = choose_terms(bundle, settings, &SolveSettings::camera_terms);
+    auto choice = choose_terms(bundle, settings, &FreeTerms::camera);
     if (!choice) return tl::unexpected(choice.error());
-    settings.camera_terms = choice->terms;
+    settings.free.camera = choice->terms;
     words = fmt::format(" ({})", choice->words);
   }
+  settings.pose_check = staged ? PoseCheck::yes : PoseCheck::no;
   const auto alone = solve_bundle(bundle, settings);
   if (!alone) return tl::unexpected(alone.error());
-  method += fmt::format("; camera terms {}{}", name_of(settings.camera_terms), words);
+  method += fmt::format("; camera terms {}{}", name_of(settings.free.camera), words);
 
   bundle.projector.emplace();
   if (plan.x) bundle.projector->x = model::ProjectorAxis{*plan.x, 0, 0};
@@ -271,28 +302,34 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   if (const auto started = initialise_projector(bundle); !started) return tl::unexpected(started.error());
   const double diagonal = (bundle.targets_mm.back() - bundle.targets_mm.front()).norm();
   if (staged) {
-    settings.held = Held::camera_and_poses;
+    settings.free.camera_and_poses = false;
     settings.outliers = Outliers::reject;
   } else {
-    settings.u_bow_mm = options.u_bow_relative * diagonal;
+    settings.components.bow_mm = options.u_bow_relative * diagonal;
+    // Starts of the components that are estimated, generous: a start that is too small holds a capture's offset back, and
+    // its corners look like outliers. A tenth of the bow's prior; ten times what a corner's u is uncertain by.
+    settings.components.bend_mm = 0.1 * settings.components.bow_mm;
+    if (board.u_print_mm > 0) settings.components.relief_mm = 0.1 * settings.components.bow_mm;
+    settings.components.phase_offset = 10.0 * mean_u_coordinate(bundle, main);
   }
-  if (!both) settings.u_along_mm = 0.1 * bundle.proj_from_cam.translation_mm.norm();
+  if (!both) settings.components.along_mm = 0.1 * bundle.proj_from_cam.translation_mm.norm();
   method += "; projector terms ";
   if (options.projector_terms == DistortionTerms::automatic) {
-    auto choice = choose_terms(bundle, settings, &SolveSettings::projector_terms);
+    auto choice = choose_terms(bundle, settings, &FreeTerms::projector);
     if (!choice) return tl::unexpected(choice.error());
-    settings.projector_terms = choice->terms;
+    settings.free.projector = choice->terms;
     method += fmt::format("{} ({})", name_of(choice->terms), choice->words);
   } else {
-    settings.projector_terms = options.projector_terms;
-    method += name_of(settings.projector_terms);
+    settings.free.projector = options.projector_terms;
+    method += name_of(settings.free.projector);
   }
+  settings.pose_check = PoseCheck::yes;
   auto report = solve_bundle(bundle, settings);
   if (!report) return tl::unexpected(report.error());
   if (staged) {
     report->covariance = side_by_side(alone->covariance, report->covariance);
     report->camera_rms_px = alone->camera_rms_px;
-    report->scale_camera = alone->scale_camera;
+    report->components.camera = alone->components.camera;
   }
   for (const auto& [name, f] : {std::pair<std::string, double>{"camera.fx_px", bundle.camera.fx_px},
                                 {"projector.x.f", bundle.projector->x ? bundle.projector->x->f : 1.0},
@@ -302,9 +339,26 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   }
 
   method += fmt::format("; stated u of camera corners times {:.3g}, of projector coordinates times {:.3g}",
-                        report->scale_camera, report->scale_projector);
-  if (settings.u_bow_mm > 0) {
-    method += fmt::format("; board bow {:+.3f} mm along x, {:+.3f} mm along y", bundle.bow_mm.x(), bundle.bow_mm.y());
+                        report->components.camera, report->components.projector);
+  if (report->components.bow_mm > 0) {
+    method += fmt::format(
+        "; board bow {:+.3f} mm along x, {:+.3f} mm along y, twist {:+.3f} mm, bent by {:.3f} mm from pose to pose",
+        bundle.bow_mm.x(), bundle.bow_mm.y(), bundle.bow_mm.z(), report->components.bend_mm);
+  }
+  if (report->components.phase_offset > 0) {
+    method += fmt::format("; captures' phases offset by {:.2g} {} rms", report->components.phase_offset,
+                          plan.code(main)->unit);
+  }
+
+  if (report->pose_scatter > 0) {
+    method += fmt::format("; scatter from pose to pose {:.2f} of what the covariance says (at most {:.2f} by chance)",
+                          report->pose_scatter, report->pose_scatter_limit);
+  }
+  if (report->widened > 1) {
+    method += fmt::format(
+        ", so all standard uncertainties are widened by {:.1f}: the poses do not agree with one rigid "
+        "board and one scanner",
+        report->widened);
   }
 
   Scanner scanner;
@@ -314,7 +368,7 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   scanner.proj_from_cam = bundle.proj_from_cam;
   scanner.working_distance_mm = options.working_distance_mm.value_or(mean_distance_mm(bundle));
   scanner.uncertainty = report->covariance;
-  scanner.priors = priors_of(settings, main);
+  scanner.priors = priors_of(report->components, main);
   scanner.method = method;
   scanner.board = board;
   scanner.board_corners_mm = estimated_corners(board, bundle);
@@ -325,7 +379,7 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   r.projector_rms = report->projector_rms;
   r.projector_unit = plan.code(main)->unit;
   r.grid_rms_mm = grid_rms_mm(bundle);
-  r.chi2_per_dof = report->chi2 / report->dof;
+  r.chi2_per_dof = report->chi2_per_dof;
   for (const Sight& s : bundle.sights) ++(s.used ? r.corners_used : r.corners_rejected);
   r.poses = static_cast<int>(observations.size());
   r.iterations = report->iterations;

@@ -5,8 +5,11 @@
 //   projector   u - u_proj(proj_from_cam cam_from_board X_ij)          / u(u)        1 per corner and axis  (2)
 // over the camera (f, c, distortion), the projector (f, u0 per coded axis, distortion), proj_from_cam and the poses,
 // with the models of calib/model. Robust loss first; corners beyond 4 standard deviations are then listed and left out,
-// and the clean problem is solved again. The covariance is (J^T J)^-1 of the clean problem, times chi2/dof where that
-// exceeds 1. A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place
+// and the clean problem is solved again. What the readings of one capture or one corner have in common (phase offset, bend
+// of the board, printing error, height) is estimated with its scatter (joint_solve.h), so that the covariance does not
+// average it away; the covariance is widened where the poses contradict it. It is linear: along the softest combinations
+// of parameters the solution curves, by more than the standard deviation of the stiffest combinations, so a joint region
+// of all parameters is too small in those, while single parameters and triangulated points have theirs. A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place
 // along the fringes) gets a weak prior, which the Scanner names. [Zhang2000] [Chen2008, eqs. 18-20]
 #pragma once
 

@@ -1,85 +1,59 @@
-// The least-squares problem of calibrate.h on plain data: target places, sights of them, a start. Camera alone, or
-// camera and projector together.
+// The least-squares problem of calibrate.h on plain data (bundle.h). Camera alone, or camera and projector together.
 //
-// Minimised is  sum |camera residual|^2 / (s_c u_pixel)^2 + sum (projector residual)^2 / (s_p u)^2 + priors        (1)
-// with the residuals of bundle_cost.h. The scales s_c and s_p of the stated uncertainties are not known beforehand;
-// they are the square roots of the variance components
-//   s^2 = chi2_group / (n_group - tr(N^-1 N_group)),  N = J^T J                                                (2)
-// re-estimated until they stay. [Foerstner1979] What is known of the board enters as priors: the printing error of each
-// corner (one place for all poses, so it does not average out over them), the scale of the pitch, the bow.
-// A Cauchy loss first; corners beyond 4 standard deviations in a component are left out; then the clean problem. The
-// solution is taken only if what is left of a Newton step is below 1e-3 standard uncertainties:
+// Minimised is
+//   sum |camera residual|^2 / (s_c u_pixel)^2 + sum (projector residual)^2 / (s_p u)^2
+//     + |(ex, ey)|^2 / s_e^2 + ez^2 / s_z^2 + |o|^2 / s_o^2 + |c|^2 / s_b^2 + priors                           (1)
+// Readings of one capture err together: the mean error of its phase steps (slide, flicker, drift) shifts every u of it by
+// the same o_j, and a board that is held differently is bent differently (c_j). Taken for independent noise of the corners
+// they would be averaged away over the corners, and the covariance would promise what only more captures can give. So they
+// are unknowns of each capture, with a standard deviation common to all captures; so are the printing errors
+// and heights e of the corners, one place for all poses. The scales and standard deviations are not known beforehand; they are estimated with
+// the rest as variance components,
+//   s^2 <- s^2 chi2_group / r_group,   r = n - sum of leverages (readings), n - sum posterior / prior variance   (2)
+// until they stay. [Foerstner1979] The covariance of the result is that of eq. 1 with these components, those of captures
+// and corners times r / (r - 2), because what is estimated from r degrees of freedom is known no better [JCGM101, 6.4.9.2].
+// A Cauchy loss first; corners beyond 4 standard deviations in a component (each judged by its own: the scatter times
+// sqrt(1 - leverage)) are left out; then the clean problem. The solution is taken only if what is left of a Newton step
+// is below 1e-3 standard uncertainties:
 //   g^T N^-1 g < 1e-6                                                                                          (3)
+// Errors that the model lacks (a board that creases when it is moved, a camera that shifts in its mount) show as parameters
+// that scatter more from pose to pose than the covariance C allows. With C_J the jackknife over poses (bundle_system.h,
+// eq. 3),
+//   F = mean of C_J,kk / C_kk over the parameters                                                              (4)
+// is 1 +- sqrt(4 / ((n - 1) K)) for a model that is true, K parameters and n poses. Beyond four of these C is multiplied by
+// F (n - 1) / (n - 3): the second factor because n poses know their own scatter badly [JCGM101, 6.4.9.2].
 #pragma once
 
-#include "calib/calibrate.h"
-#include "calib/model/projector.h"
-#include "core/result.h"
-#include "core/rigid.h"
-#include "core/uncertain.h"
-
-#include <Eigen/Core>
-
-#include <optional>
-#include <string>
-#include <vector>
+#include "calib/bundle_system.h"
 
 namespace fringecal::calib {
 
-/// One target seen in one pose.
-struct Sight {
-  int pose = 0, target = 0;
-  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-  double u_pixel_px = 1;
-  std::optional<Uncertain> x, y;
-  bool used = true;
-};
-
-/// What is solved for, and what from. On entry the start, on return the solution.
-struct Bundle {
-  std::vector<Eigen::Vector2d> targets_mm;  // nominal, frame board
-  std::vector<Sight> sights;
-
-  model::Camera camera;
-  std::optional<model::Projector> projector;
-  Rigid3 proj_from_cam;
-  std::vector<Rigid3> cam_from_board;
-  Eigen::Vector2d bow_mm = Eigen::Vector2d::Zero();  // b_x, b_y of bundle_cost.h, eq. 1
-  std::vector<Eigen::Vector2d> print_mm;             // printing errors; empty: zero
-
-  /// A corner with its bow and printing error, frame board (bundle_cost.h, eq. 1, without the pitch's relative error, of
-  /// which the views say nothing).
-  Eigen::Vector3d corner_mm(std::size_t target) const;
-};
-
 /// What happens to sights that do not fit.
 enum class Outliers { reject, keep };
-/// What stays at its start.
-enum class Held { nothing, camera_and_poses };
+/// Whether the covariance is held against the scatter from pose to pose, eq. 4.
+enum class PoseCheck { no, yes };
 
 struct SolveSettings {
-  DistortionTerms camera_terms = DistortionTerms::radial;
-  DistortionTerms projector_terms = DistortionTerms::radial;
+  FreeTerms free = {};
   Outliers outliers = Outliers::reject;
-  Held held = Held::nothing;
-  // Standard deviations of the priors; 0 leaves the quantity at its nominal value.
-  double u_print_mm = 0;
-  double u_pitch_relative = 0;
-  double u_bow_mm = 0;
-  // Where one axis only is coded: the camera's pupil lies this far from the projector's along the fringes, 0 +- this.
-  double u_along_mm = 0;
-  // Given: the scales of eq. 1 are not estimated and no sight is rejected (comparing models on the same footing).
-  std::optional<Eigen::Vector2d> fixed_scales;
+  PoseCheck pose_check = PoseCheck::no;
+  // Starts of the standard deviations of eq. 1 and values of the priors; 0 leaves a quantity at its nominal value.
+  Components components = {};
+  // The components are as they stand, and no sight is rejected (comparing models on the same footing).
+  bool fixed_components = false;
 };
 
 struct SolveReport {
-  model::ParameterCovariance covariance;         // camera, projector, proj_from_cam
-  double scale_camera = 1, scale_projector = 1;  // s_c, s_p
-  double chi2 = 0;                               // eq. 1 at the solution, priors included
-  int dof = 0, parameters = 0, residuals = 0;    // without the board's priors
-  double camera_rms_px = 0, projector_rms = 0;   // over the sights used; per coordinate; main axis
+  model::ParameterCovariance covariance;        // camera, projector, proj_from_cam
+  Components components;                        // as estimated
+  double chi2 = 0;                              // eq. 1 at the solution, priors included
+  double chi2_per_dof = 0;                      // of the readings, with the components as estimated
+  int parameters = 0, residuals = 0;            // without what priors or components hold
+  double camera_rms_px = 0, projector_rms = 0;  // over the sights used; per coordinate; main axis
   int n_rejected = 0, iterations = 0;
-  double newton_decrement = 0;  // square root of eq. 3
+  double newton_decrement = 0;                      // square root of eq. 3
+  double pose_scatter = 0, pose_scatter_limit = 0;  // F of eq. 4 and what it may be; 0: not asked for, too few poses
+  double widened = 1;                               // factor on all standard uncertainties, eq. 4
 };
 
 /// No result where the problem is singular, does not converge, or gives anything that is not finite.

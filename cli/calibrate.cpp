@@ -65,18 +65,11 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
   const auto& r = s.residuals;
   Value out = Value::object()
                   .set("scanner", options.output)
-                  .set("poses", r.poses)
                   .set("dropped", lost)
                   .set("parameters", parameters)
                   .set("base_mm", s.base_mm())
                   .set("working_distance_mm", s.working_distance_mm)
-                  .set("camera_rms_px", r.camera_rms_px)
-                  .set("projector_rms", r.projector_rms)
-                  .set("projector_unit", r.projector_unit)
-                  .set("grid_rms_mm", r.grid_rms_mm)
-                  .set("chi2_per_dof", r.chi2_per_dof)
-                  .set("corners_used", r.corners_used)
-                  .set("corners_rejected", r.corners_rejected)
+                  .set("residuals", model::to_value(r))
                   .set("method", s.method);
   if (s.paper_model) out.set("paper_rms_xyz_mm", Value::numbers(s.paper_model->rms_xyz_mm));
   if (s.paper_ideal_model) out.set("paper_ideal_rms_xyz_mm", Value::numbers(s.paper_ideal_model->rms_xyz_mm));

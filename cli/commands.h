@@ -11,6 +11,7 @@ void add_import(CLI::App& app);
 void add_decode(CLI::App& app);
 void add_calibrate(CLI::App& app);
 void add_align(CLI::App& app);
+void add_compare(CLI::App& app);
 void add_measure(CLI::App& app);
 void add_fit(CLI::App& app);
 void add_find(CLI::App& app);

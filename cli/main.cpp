@@ -26,6 +26,7 @@ int main(int argc, char** argv) {
   cli::add_history(app);
   cli::add_align(app);
   cli::add_calibrate(app);
+  cli::add_compare(app);
   cli::add_measure(app);
   cli::add_register(app);
   cli::add_fit(app);

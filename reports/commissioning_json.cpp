@@ -67,19 +67,6 @@ Value parameter(const Parameter& p) {
   return out.set("unit", p.unit).set("meaning", p.meaning);
 }
 
-Value residual_statistics(const model::ResidualStatistics& r) {
-  return Value::object()
-      .set("camera_rms_px", r.camera_rms_px)
-      .set("projector_rms", r.projector_rms)
-      .set("projector_unit", r.projector_unit)
-      .set("grid_rms_mm", r.grid_rms_mm)
-      .set("chi2_per_dof", r.chi2_per_dof)
-      .set("corners_used", r.corners_used)
-      .set("corners_rejected", r.corners_rejected)
-      .set("poses", r.poses)
-      .set("iterations", r.iterations);
-}
-
 Value calibration(const CalibrationSection& c) {
   const auto pose = [](const PoseUse& p) {
     return Value::object().set("name", p.name).set("used", p.used).set("reason", p.reason);
@@ -88,7 +75,7 @@ Value calibration(const CalibrationSection& c) {
       .set("method", c.method)
       .set("parameters", array_of(c.parameters, parameter))
       .set("paper_parameters", array_of(c.paper_parameters, parameter))
-      .set("residuals", residual_statistics(c.residuals))
+      .set("residuals", model::to_value(c.residuals))
       .set("poses", array_of(c.poses, pose))
       .set("image_width_px", c.image_width_px)
       .set("image_height_px", c.image_height_px)

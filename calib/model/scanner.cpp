@@ -44,19 +44,6 @@ ParameterCovariance covariance_from(Fields fields) {
   return u;
 }
 
-Value to_value(const ResidualStatistics& r) {
-  return Value::object()
-      .set("camera_rms_px", r.camera_rms_px)
-      .set("projector_rms", r.projector_rms)
-      .set("projector_unit", r.projector_unit)
-      .set("grid_rms_mm", r.grid_rms_mm)
-      .set("chi2_per_dof", r.chi2_per_dof)
-      .set("corners_used", r.corners_used)
-      .set("corners_rejected", r.corners_rejected)
-      .set("poses", r.poses)
-      .set("iterations", r.iterations);
-}
-
 ResidualStatistics residuals_from(Fields f) {
   ResidualStatistics r;
   r.camera_rms_px = f.number("camera_rms_px");
@@ -232,6 +219,19 @@ Rigid3 rigid_from(Fields fields) {
   const Eigen::Quaterniond rotation(q[0], q[1], q[2], q[3]);
   if (!(std::abs(rotation.norm() - 1.0) < 1e-9)) fields.complain("rotation_wxyz must have length 1");
   return {rotation, Eigen::Vector3d(t[0], t[1], t[2])};
+}
+
+Value to_value(const ResidualStatistics& r) {
+  return Value::object()
+      .set("camera_rms_px", r.camera_rms_px)
+      .set("projector_rms", r.projector_rms)
+      .set("projector_unit", r.projector_unit)
+      .set("grid_rms_mm", r.grid_rms_mm)
+      .set("chi2_per_dof", r.chi2_per_dof)
+      .set("corners_used", r.corners_used)
+      .set("corners_rejected", r.corners_rejected)
+      .set("poses", r.poses)
+      .set("iterations", r.iterations);
 }
 
 void write_scanner(const std::filesystem::path& file, const Scanner& s) {

@@ -107,5 +107,6 @@ Scanner read_scanner(const std::filesystem::path& file);
 
 Value to_value(const Rigid3& rigid);
 Rigid3 rigid_from(Fields fields);
+Value to_value(const ResidualStatistics& residuals);
 
 }  // namespace fringecal::model

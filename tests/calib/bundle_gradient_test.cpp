@@ -1,71 +1,174 @@
-#include "calib/bundle_cost.h"
+// The derivatives that bundle_rows.cpp writes out, against numeric ones; and the step of the eliminated system against
+// the dense one.
+#include "calib/bundle_rows.h"
+#include "calib/bundle_system.h"
 
-#include <ceres/ceres.h>
-#include <ceres/gradient_checker.h>
 #include <gtest/gtest.h>
 
-namespace fringecal::calib::bundle {
+#include <Eigen/Cholesky>
+
+#include <functional>
+
+namespace fringecal::calib {
 namespace {
 
-const Eigen::Matrix3d kPose = rotation_from_vector({0.3, -0.4, 0.1}).toRotationMatrix();
-const Eigen::Matrix3d kProjector = rotation_from_vector({0.01, -0.38, 0.02}).toRotationMatrix();
-// Far from the lens's axis, where every distortion term has a derivative of its own: on the axis they vanish.
-const BoardPlace kPlace{{120, 60}, {0.4, -0.7}};
-
-/// Numeric derivatives with Ridders' method are good to about 1e-9 of the derivative for functions this smooth; 1e-6 is
-/// asked.
-void expect_gradient(const ceres::CostFunction& cost, const std::vector<std::vector<double>>& parameters) {
-  ceres::NumericDiffOptions options;
-  const ceres::GradientChecker checker(&cost, static_cast<const std::vector<const ceres::Manifold*>*>(nullptr),
-                                       options);
-  std::vector<const double*> pointers;
-  for (const auto& p : parameters) pointers.push_back(p.data());
-  ceres::GradientChecker::ProbeResults results;
-  EXPECT_TRUE(checker.Probe(pointers.data(), 1e-6, &results)) << results.error_log;
+FringeCode grating() {
+  return {.gray_bits = 7, .phase_steps = 4, .stripes_per_period = 2, .period = 0.24, .unit = "mm"};
 }
 
-class BundleGradient : public ::testing::TestWithParam<double> {
- protected:
-  // The rotation parameters: zero, where the first-order branch is taken, and not.
-  std::vector<double> w_ = {0.7 * GetParam(), -0.5 * GetParam(), 0.3 * GetParam()};
-};
-
-TEST_P(BundleGradient, OfTheCameraIsTheNumericOne) {
-  ceres::AutoDiffCostFunction<CameraResidual, 2, 4, 5, 3, 3, 1, 2, 2> cost(
-      new CameraResidual{kPlace, &kPose, {700, 500}, 0.05});
-  expect_gradient(cost, {{3721, 3719, 708, 512},
-                         {-0.1, 0.06, 2e-4, -1.5e-4, 0.3},
-                         w_,
-                         {-250, 70, 900},
-                         {1e-4},
-                         {0.1, -0.05},
-                         {0.01, -0.02}});
+/// Nine corners, two poses, all terms away from zero, readings off by up to a few of their uncertainties.
+Bundle sample() {
+  Bundle b;
+  b.camera = {.width_px = 1392,
+              .height_px = 1040,
+              .fx_px = 3721,
+              .fy_px = 3719,
+              .cx_px = 708,
+              .cy_px = 512,
+              .distortion = {-0.1, 0.06, 2e-4, -1.5e-4, 0.3}};
+  b.projector.emplace();
+  b.projector->x = model::ProjectorAxis{grating(), 32, 7.8};
+  b.projector->y = model::ProjectorAxis{grating(), 31, 7.2};
+  b.projector->distortion = {-0.08, 0.03, 1e-4, 2e-4, 0.1};
+  b.proj_from_cam = {rotation_from_vector({0.1, 0.4, -0.05}), {400, 3, 1}};
+  for (int i = 0; i < 9; ++i) b.targets_mm.emplace_back(60.0 * (i % 3), 50.0 * (i / 3));
+  b.cam_from_board = {{rotation_from_vector({0.3, -0.2, 0.1}), {-60, -40, 1000}},
+                      {rotation_from_vector({-0.2, 0.4, 0.0}), {-40, -60, 1100}}};
+  b.pitch_error = 1e-4;
+  b.bow_mm = {0.1, -0.05, 0.03};
+  b.bend_mm = {{0.01, 0.02, -0.03}, {-0.02, 0.01, 0.02}};
+  b.phase_offset = {{1e-4, -2e-4}, {3e-4, 1e-4}};
+  for (int i = 0; i < 9; ++i) b.print_mm.emplace_back(0.01 * (i % 2), -0.02 + 0.005 * i, 0.01 * (i % 3));
+  const auto shapes = rows::bow_shapes(b);
+  for (int pose = 0; pose < 2; ++pose) {
+    for (int i = 0; i < 9; ++i) {
+      Sight s{pose, i, {0, 0}, 0.05, Uncertain{0, 0.001}, Uncertain{0, 0.001}, true};
+      rows::SightRows r;
+      EXPECT_TRUE(rows::evaluate(b, rows::frame_of(b, static_cast<std::size_t>(pose)),
+                                 shapes[static_cast<std::size_t>(i)], s, rows::With::residuals, r));
+      s.pixel = {r.row[0].residual + 0.03 * (i % 4 - 1), r.row[1].residual - 0.04 * (i % 3)};
+      s.x->value = r.row[2].residual + 0.0005 * (i % 5);
+      s.y->value = r.row[3].residual - 0.0004 * (i % 3);
+      b.sights.push_back(s);
+    }
+  }
+  return b;
 }
 
-TEST_P(BundleGradient, OfTheProjectorIsTheNumericOne) {
-  for (const int component : {0, 1}) {
-    ceres::AutoDiffCostFunction<ProjectorResidual, 1, 2, 5, 3, 3, 3, 3, 1, 2, 2> cost(
-        new ProjectorResidual{kPlace, &kPose, &kProjector, component, 7.9, 0.001});
-    expect_gradient(cost, {{32, 7.8},
-                           {-0.08, 0.03, 1e-4, 2e-4, 0.1},
-                           w_,
-                           {400, 3, 1},
-                           w_,
-                           {-250, 70, 900},
-                           {1e-4},
-                           {0.1, -0.05},
-                           {0.01, -0.02}});
+/// Adds h to the unknown of a column, as the sight of pose 0, target 5 sees it.
+void move(Bundle& b, int column, double h) {
+  const auto at = [&](int first) { return static_cast<std::size_t>(column - first); };
+  const auto turn = [&](Eigen::Quaterniond& q, int first) {
+    q = rotation_from_vector(h * Eigen::Vector3d::Unit(column - first)) * q;
+  };
+  double* const camera[] = {&b.camera.fx_px, &b.camera.fy_px, &b.camera.cx_px, &b.camera.cy_px};
+  double* const axis[] = {&b.projector->x->f, &b.projector->x->u0, &b.projector->y->f, &b.projector->y->u0};
+  if (column < rows::kCameraK) {
+    *camera[column] += h;
+  } else if (column < rows::kAxis) {
+    b.camera.distortion[at(rows::kCameraK)] += h;
+  } else if (column < rows::kProjectorK) {
+    *axis[at(rows::kAxis)] += h;
+  } else if (column < rows::kProjectorW) {
+    b.projector->distortion[at(rows::kProjectorK)] += h;
+  } else if (column < rows::kProjectorT) {
+    turn(b.proj_from_cam.rotation, rows::kProjectorW);
+  } else if (column < rows::kPitch) {
+    b.proj_from_cam.translation_mm[column - rows::kProjectorT] += h;
+  } else if (column < rows::kBow) {
+    b.pitch_error += h;
+  } else if (column < rows::kDense) {
+    b.bow_mm[column - rows::kBow] += h;
+  } else if (column < rows::kPoseT) {
+    turn(b.cam_from_board[0].rotation, rows::kPoseW);
+  } else if (column < rows::kOffset) {
+    b.cam_from_board[0].translation_mm[column - rows::kPoseT] += h;
+  } else if (column < rows::kBend) {
+    b.phase_offset[0][column - rows::kOffset] += h;
+  } else if (column < rows::kPoseEnd) {
+    b.bend_mm[0][column - rows::kBend] += h;
+  } else {
+    b.print_mm[5][column - rows::kPrint] += h;
   }
 }
 
-INSTANTIATE_TEST_SUITE_P(AtZeroAndAway, BundleGradient, ::testing::Values(0.0, 0.4));
+TEST(BundleGradient, OfEveryColumnIsTheNumericOne) {
+  const Bundle b = sample();
+  const Eigen::Vector3d shape = rows::bow_shapes(b)[5];
+  rows::SightRows analytic;
+  ASSERT_TRUE(rows::evaluate(b, rows::frame_of(b, 0), shape, b.sights[5], rows::With::derivatives, analytic));
+  for (int column = 0; column < rows::kColumns; ++column) {
+    const auto difference = [&](double h) {
+      std::array<double, 4> out{};
+      for (const double sign : {1.0, -1.0}) {
+        Bundle moved = b;
+        move(moved, column, sign * h);
+        rows::SightRows r;
+        EXPECT_TRUE(rows::evaluate(moved, rows::frame_of(moved, 0), shape, b.sights[5], rows::With::residuals, r));
+        for (std::size_t k = 0; k < 4; ++k) out[k] += sign * r.row[k].residual / (2.0 * h);
+      }
+      return out;
+    };
+    // Central differences at h and h/2, extrapolated: the error is of order h^4 and the rounding of residuals of 1e3 px
+    // (or 10 mm), 1e-13, over h. With h = 1e-3 of parameters of order 1 that is 1e-10 of the largest derivatives, which are
+    // up to 4e3 px.
+    const double h = 1e-3;
+    const auto coarse = difference(h), fine = difference(0.5 * h);
+    for (std::size_t k = 0; k < 4; ++k) {
+      const double numeric = (4.0 * fine[k] - coarse[k]) / 3.0,
+                   written = analytic.row[k].by[static_cast<std::size_t>(column)];
+      EXPECT_NEAR(written, numeric, 1e-8 * std::max(std::abs(numeric), k < 2 ? 10.0 : 0.1))
+          << "row " << k << ", column " << column;
+    }
+  }
+}
 
-TEST(BundleCost, GivesUpOnAPointBehindTheLens) {
-  const double camera[] = {3721, 3719, 708, 512}, k[5] = {}, w[3] = {}, t[] = {0, 0, -500}, s[1] = {}, bow[2] = {},
-               e[2] = {};
-  double residual[2];
-  EXPECT_FALSE((CameraResidual{kPlace, &kPose, {700, 500}, 0.05}(camera, k, w, t, s, bow, e, residual)));
+TEST(BundleRows, AreNotThereForAPointBehindTheLens) {
+  Bundle b = sample();
+  b.cam_from_board[0].translation_mm.z() = -500;
+  rows::SightRows r;
+  EXPECT_FALSE(rows::evaluate(b, rows::frame_of(b, 0), rows::bow_shapes(b)[5], b.sights[5], rows::With::residuals, r));
+}
+
+TEST(BundleSystem, LeveragesOfReadingsAndComponentsAddUpToTheUnknowns) {
+  const Bundle b = sample();
+  const Components c{
+      .print_mm = 0.01, .relief_mm = 0.01, .bend_mm = 0.02, .phase_offset = 1e-3, .pitch = 1e-4, .bow_mm = 0.1};
+  BundleSystem system(b, {DistortionTerms::radial, DistortionTerms::radial}, c);
+  ASSERT_TRUE(system.linearise(b));
+  const auto posterior = system.posterior(b);
+  ASSERT_TRUE(posterior) << posterior.error().sentence;
+  // tr(N^-1 J^T J) over all rows, the priors' among them, is the number of unknowns: lenses 6 + 6, relative pose 6, pitch
+  // 1, bow 3, 2 x (6 pose + 2 offsets + 3 bends), 27 of corners. A prior's leverage is posterior / prior variance.
+  double sum = 0;
+  for (const auto& r : posterior->readings) sum += r.leverage;
+  for (const Scatter* s : {&posterior->print, &posterior->relief, &posterior->bend, &posterior->phase_offset})
+    sum += s->count - s->redundancy;
+  const auto& names = system.names();
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const double sd = names[i] == "board scale" ? c.pitch : names[i].starts_with("board") ? c.bow_mm : 0.0;
+    if (sd > 0) sum += posterior->shared(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(i)) / (sd * sd);
+  }
+  // The condition of the scaled normal equations of two poses and nine corners, some 1e8, times the rounding.
+  EXPECT_NEAR(sum, 6 + 6 + 6 + 1 + 3 + 2 * 11 + 27, 1e-5);
+}
+
+TEST(BundleSystem, UndampedStepsReachAStationaryPoint) {
+  Bundle b = sample();
+  const Components c{
+      .print_mm = 0.01, .relief_mm = 0.01, .bend_mm = 0.02, .phase_offset = 1e-3, .pitch = 1e-4, .bow_mm = 0.1};
+  BundleSystem system(b, {DistortionTerms::radial, DistortionTerms::radial}, c);
+  double decrement2 = 1;
+  for (int i = 0; i < 20; ++i) {
+    ASSERT_TRUE(system.linearise(b));
+    auto step = system.step(b, 0.0);
+    ASSERT_TRUE(step);
+    decrement2 = step->decrement2;
+    b = step->bundle;
+  }
+  // Newton's decrement at the minimum: rounding of a cost of order 10.
+  EXPECT_LT(decrement2, 1e-12);
 }
 
 }  // namespace
-}  // namespace fringecal::calib::bundle
+}  // namespace fringecal::calib

@@ -51,9 +51,14 @@ std::vector<model::BoardObservation> observe(const model::Scanner& scanner, cons
   std::vector<model::BoardObservation> out;
   for (const Rigid3& pose : cam_from_middle) {
     model::BoardObservation o{fmt::format("pose_{:02}", out.size() + 1), {}};
+    const Eigen::Vector3d bend = errors.bend_mm * Eigen::Vector3d(normal(), normal(), normal());
+    const Eigen::Vector2d offset = errors.phase_offset_mm * Eigen::Vector2d(normal(), normal());
     for (int row = 0; row < board.rows; ++row) {
       for (int column = 0; column < board.columns; ++column) {
-        const Eigen::Vector3d in_cam = pose * corners[static_cast<std::size_t>(row * board.columns + column)];
+        Eigen::Vector3d place = corners[static_cast<std::size_t>(row * board.columns + column)];
+        const double xi = place.x() / middle.x(), eta = place.y() / middle.y();
+        place.z() += bend.dot(Eigen::Vector3d(xi * xi, eta * eta, xi * eta));
+        const Eigen::Vector3d in_cam = pose * place;
         const Eigen::Vector3d in_proj = scanner.proj_from_cam * in_cam;
         const auto pixel = scanner.camera.project(in_cam);
         require(pixel.has_value(), "a synthetic corner lies in front of the camera");
@@ -64,10 +69,12 @@ std::vector<model::BoardObservation> observe(const model::Scanner& scanner, cons
         c.u_pixel_px = std::max(errors.u_pixel_px, 1e-3);
         const double u = std::max(errors.u_coordinate_mm, 1e-6);
         if (scanner.projector.x) {
-          c.x = Uncertain{*scanner.projector.project(CodeAxis::x, in_proj) + errors.u_coordinate_mm * normal(), u};
+          c.x = Uncertain{
+              *scanner.projector.project(CodeAxis::x, in_proj) + offset.x() + errors.u_coordinate_mm * normal(), u};
         }
         if (scanner.projector.y) {
-          c.y = Uncertain{*scanner.projector.project(CodeAxis::y, in_proj) + errors.u_coordinate_mm * normal(), u};
+          c.y = Uncertain{
+              *scanner.projector.project(CodeAxis::y, in_proj) + offset.y() + errors.u_coordinate_mm * normal(), u};
         }
         o.corners.push_back(c);
       }

@@ -22,6 +22,8 @@ struct ViewErrors {
   double print_mm = 0;              // rms of each corner, x and y
   double pitch_relative = 0;        // rms of the scale
   double bow_mm = 0;                // at the ends of the field, both directions
+  double bend_mm = 0;               // rms of each second-order term, new in every pose
+  double phase_offset_mm = 0;       // rms, one value for all corners of a pose
   std::uint64_t seed = 1;
 };
 

@@ -1,0 +1,159 @@
+#include "calib/bundle_rows.h"
+
+#include <algorithm>
+
+namespace fringecal::calib {
+
+Eigen::Vector3d Bundle::corner_mm(std::size_t target) const {
+  const Eigen::Vector2d& nominal = targets_mm[target];
+  const Eigen::Vector3d smooth(nominal.x(), nominal.y(), bow_mm.dot(rows::bow_shapes(*this)[target]));
+  return print_mm.empty() ? smooth : Eigen::Vector3d(smooth + print_mm[target]);
+}
+
+namespace rows {
+namespace {
+
+struct Lens {
+  double xd, yd;
+  double xx, xy, yy;             // eq. 4
+  std::array<double, 5> xk, yk;  // by k1, k2, p1, p2, k3
+};
+
+Lens bend_rays(const model::Distortion& k, double x, double y) {
+  const double r2 = x * x + y * y;
+  const double s = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]));
+  const double ds = 2.0 * (k[0] + r2 * (2.0 * k[1] + 3.0 * r2 * k[4]));
+  Lens l;
+  l.xd = x * s + 2.0 * k[2] * x * y + k[3] * (r2 + 2.0 * x * x);
+  l.yd = y * s + k[2] * (r2 + 2.0 * y * y) + 2.0 * k[3] * x * y;
+  l.xx = s + ds * x * x + 2.0 * k[2] * y + 6.0 * k[3] * x;
+  l.xy = ds * x * y + 2.0 * k[2] * x + 2.0 * k[3] * y;
+  l.yy = s + ds * y * y + 6.0 * k[2] * y + 2.0 * k[3] * x;
+  const double r4 = r2 * r2;
+  l.xk = {x * r2, x * r4, 2.0 * x * y, r2 + 2.0 * x * x, x * r4 * r2};
+  l.yk = {y * r2, y * r4, r2 + 2.0 * y * y, 2.0 * x * y, y * r4 * r2};
+  return l;
+}
+
+/// by[column ..] = -(a . [q]x) = q x a, eq. 3 for a row a.
+void set_rotation(Row& row, int column, const Eigen::RowVector3d& a, const Eigen::Vector3d& q) {
+  const Eigen::Vector3d d = q.cross(a.transpose());
+  for (int i = 0; i < 3; ++i) row.by[static_cast<std::size_t>(column + i)] = d[i];
+}
+
+/// The columns of pose, board and corner from a = d(residual)/d(point in cam).
+void set_pose_and_board(Row& row, const Eigen::RowVector3d& a, const Frame& f, const Eigen::Vector3d& turned,
+                        const Eigen::Vector2d& place, double pitch, const Eigen::Vector3d& shape) {
+  set_rotation(row, kPoseW, a, turned);
+  const Eigen::RowVector3d on_board = a * f.rotation;
+  for (std::size_t i = 0; i < 3; ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    row.by[kPoseT + i] = a[k];
+    row.by[kBow + i] = row.by[kBend + i] = on_board[2] * shape[k];
+  }
+  row.by[kPitch] = on_board[0] * place.x() + on_board[1] * place.y();
+  row.by[kPrint] = on_board[0] * pitch;
+  row.by[kPrint + 1] = on_board[1] * pitch;
+  row.by[kPrint + 2] = on_board[2];
+}
+
+}  // namespace
+
+Frame frame_of(const Bundle& b, std::size_t pose) {
+  Frame f;
+  f.rotation = b.cam_from_board[pose].rotation_matrix();
+  f.translation = b.cam_from_board[pose].translation_mm;
+  f.projector_rotation = b.proj_from_cam.rotation_matrix();
+  f.projector_translation = b.proj_from_cam.translation_mm;
+  f.bow = b.bow_mm;
+  if (!b.bend_mm.empty()) f.bow += b.bend_mm[pose];
+  f.offset = b.phase_offset.empty() ? Eigen::Vector2d(Eigen::Vector2d::Zero()) : b.phase_offset[pose];
+  return f;
+}
+
+std::vector<Eigen::Vector3d> bow_shapes(const Bundle& b) {
+  Eigen::Vector2d low = b.targets_mm.front(), high = low;
+  for (const auto& t : b.targets_mm) {
+    low = low.cwiseMin(t);
+    high = high.cwiseMax(t);
+  }
+  const Eigen::Vector2d middle = 0.5 * (low + high), half = (0.5 * (high - low)).cwiseMax(1e-9);
+  std::vector<Eigen::Vector3d> out;
+  out.reserve(b.targets_mm.size());
+  for (const auto& t : b.targets_mm) {
+    const Eigen::Vector2d e = (t - middle).cwiseQuotient(half);
+    out.emplace_back(e.x() * e.x(), e.y() * e.y(), e.x() * e.y());
+  }
+  return out;
+}
+
+bool evaluate(const Bundle& b, const Frame& f, const Eigen::Vector3d& shape, const Sight& s, With with,
+              SightRows& out) {
+  out.has = {};
+  const auto target = static_cast<std::size_t>(s.target);
+  Eigen::Vector2d place = b.targets_mm[target];
+  double height = f.bow.dot(shape);
+  if (!b.print_mm.empty()) {
+    place += b.print_mm[target].head<2>();
+    height += b.print_mm[target].z();
+  }
+  const double pitch = 1.0 + b.pitch_error;
+  const Eigen::Vector3d board(pitch * place.x(), pitch * place.y(), height);  // bundle.h, eq. 1
+  const Eigen::Vector3d turned = f.rotation * board, cam = turned + f.translation;
+  if (!(cam.z() > 0.0)) return false;
+  const auto& c = b.camera;
+  {
+    const double x = cam.x() / cam.z(), y = cam.y() / cam.z(), iz = 1.0 / cam.z();
+    const Lens l = bend_rays(c.distortion, x, y);
+    Row &rx = out.row[0], &ry = out.row[1];
+    out.has[0] = out.has[1] = true;
+    rx.residual = c.fx_px * l.xd + c.cx_px - s.pixel.x();  // eq. 1
+    ry.residual = c.fy_px * l.yd + c.cy_px - s.pixel.y();
+    if (with == With::derivatives) {
+      rx.by.fill(0.0);
+      ry.by.fill(0.0);
+      rx.by[kCamera] = l.xd;
+      rx.by[kCamera + 2] = 1.0;
+      ry.by[kCamera + 1] = l.yd;
+      ry.by[kCamera + 3] = 1.0;
+      for (std::size_t i = 0; i < 5; ++i) {
+        rx.by[kCameraK + i] = c.fx_px * l.xk[i];
+        ry.by[kCameraK + i] = c.fy_px * l.yk[i];
+      }
+      const Eigen::RowVector3d ax = c.fx_px * iz * Eigen::RowVector3d(l.xx, l.xy, -(l.xx * x + l.xy * y));
+      const Eigen::RowVector3d ay = c.fy_px * iz * Eigen::RowVector3d(l.xy, l.yy, -(l.xy * x + l.yy * y));
+      set_pose_and_board(rx, ax, f, turned, place, pitch, shape);
+      set_pose_and_board(ry, ay, f, turned, place, pitch, shape);
+    }
+  }
+  if (!b.projector || !((s.x && b.projector->x) || (s.y && b.projector->y))) return true;
+
+  const Eigen::Vector3d spun = f.projector_rotation * cam, proj = spun + f.projector_translation;
+  if (!(proj.z() > 0.0)) return false;
+  const double x = proj.x() / proj.z(), y = proj.y() / proj.z(), iz = 1.0 / proj.z();
+  const Lens l = bend_rays(b.projector->distortion, x, y);
+  for (const std::size_t axis : {0U, 1U}) {
+    const auto& coded = axis == 0 ? b.projector->x : b.projector->y;
+    const auto& seen = axis == 0 ? s.x : s.y;
+    if (!coded || !seen) continue;
+    Row& row = out.row[2 + axis];
+    out.has[2 + axis] = true;
+    const double d = axis == 0 ? l.xd : l.yd;
+    row.residual = coded->f * d + coded->u0 + f.offset[static_cast<Eigen::Index>(axis)] - seen->value;  // eq. 2
+    if (with == With::residuals) continue;
+    row.by.fill(0.0);
+    row.by[kAxis + 2 * axis] = d;
+    row.by[kAxis + 2 * axis + 1] = 1.0;
+    row.by[kOffset + axis] = 1.0;
+    for (std::size_t i = 0; i < 5; ++i) row.by[kProjectorK + i] = coded->f * (axis == 0 ? l.xk[i] : l.yk[i]);
+    const double dx = axis == 0 ? l.xx : l.xy, dy = axis == 0 ? l.xy : l.yy;
+    const Eigen::RowVector3d a = coded->f * iz * Eigen::RowVector3d(dx, dy, -(dx * x + dy * y));
+    set_rotation(row, kProjectorW, a, spun);
+    for (std::size_t i = 0; i < 3; ++i) row.by[kProjectorT + i] = a[static_cast<Eigen::Index>(i)];
+    set_pose_and_board(row, a * f.projector_rotation, f, turned, place, pitch, shape);
+  }
+  return true;
+}
+
+}  // namespace rows
+}  // namespace fringecal::calib

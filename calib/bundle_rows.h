@@ -1,0 +1,56 @@
+// Residuals of one sight and their derivatives, written out.
+//
+//   camera      r = pi_cam(R_j B + t_j) - pixel                     two rows                                   (1)
+//   projector   r = u_proj(R_p (R_j B + t_j) + t_p) + o_j - u       one row per coded axis                     (2)
+// B the corner on its board (bundle.h, eq. 1), the lenses those of calib/model, o_j the offset of the capture's phase.
+// A rotation's parameter is w of exp(w) R at w = 0, the perturbation on the left that scanner.h speaks of: with q = R B,
+//   d(exp(w) q)/dw = -[q]x,  dq/dB = R                                                                         (3)
+// and for the lens (camera.h, eqs. 1 to 3) with x = X/Z, y = Y/Z, s' = ds/d(r^2):
+//   dxd/dx = s + 2 s' x^2 + 2 p1 y + 6 p2 x,  dxd/dy = 2 s' x y + 2 p1 x + 2 p2 y = dyd/dx,
+//   dyd/dy = s + 2 s' y^2 + 6 p1 y + 2 p2 x                                                                    (4)
+// Residuals and derivatives are not whitened. mm, rad, px, the code's unit. A point that is not in front of a lens has
+// no rows.
+#pragma once
+
+#include "calib/bundle.h"
+
+#include <array>
+
+namespace fringecal::calib::rows {
+
+// Columns of a row. The first kDense are shared by all sights, then those of the pose, then those of the target.
+inline constexpr int kCamera = 0, kCameraK = 4, kAxis = 9, kProjectorK = 13, kProjectorW = 18, kProjectorT = 21,
+                     kPitch = 24, kBow = 25, kDense = 28;
+inline constexpr int kPoseW = 28, kPoseT = 31, kOffset = 34, kBend = 36, kPoseEnd = 39;
+inline constexpr int kPrint = 39, kColumns = 42;
+
+struct Row {
+  double residual = 0;
+  std::array<double, kColumns> by{};
+};
+
+/// What the sights of one pose share.
+struct Frame {
+  Eigen::Matrix3d rotation, projector_rotation;
+  Eigen::Vector3d translation, projector_translation;
+  Eigen::Vector3d bow;  // b + c_j
+  Eigen::Vector2d offset;
+};
+Frame frame_of(const Bundle& bundle, std::size_t pose);
+
+/// phi of bundle.h, eq. 1, per target.
+std::vector<Eigen::Vector3d> bow_shapes(const Bundle& bundle);
+
+enum class With { residuals, derivatives };
+
+/// Rows of a sight: [0], [1] the camera's, [2] the projector's along x, [3] along y; has[k] says which exist.
+struct SightRows {
+  std::array<Row, 4> row;
+  std::array<bool, 4> has{};
+};
+
+/// False where the point is not in front of a lens.
+bool evaluate(const Bundle& bundle, const Frame& frame, const Eigen::Vector3d& shape, const Sight& sight, With with,
+              SightRows& out);
+
+}  // namespace fringecal::calib::rows

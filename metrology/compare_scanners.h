@@ -1,0 +1,50 @@
+// What two calibrations of one scanner disagree about in the working volume, beside what their uncertainties allow: the
+// drift check of a periodic verification.
+//
+// Samples: a grid of pixels times heights Z of A's world. With (pixel, u) what scanner A measures at its point P_A there,
+// and P_B what scanner B makes of the same pixel and u,
+//   d_i = T P_B,i - P_A,i                                                                                       (1)
+// T the rigid motion that brings all P_B closest to the P_A (least squares): each calibration defines its own world, and
+// the place of a world is no property of the measuring. What is left is what lengths and forms would differ by.
+//   U_i = J_A,i C_A J_A,i^T + J_B,i C_B J_B,i^T,  J = dd/d(parameters), the motion T adapted                     (2)
+// C the scanners' covariances, taken as independent (two calibrations that share a board share its pitch: what they have
+// in common makes (2) too large, never too small). Numeric central differences at one standard uncertainty. mm.
+#pragma once
+
+#include "calib/model/scanner.h"
+#include "core/result.h"
+#include "core/value.h"
+
+#include <optional>
+#include <vector>
+
+namespace fringecal::metrology {
+
+struct CompareOptions {
+  // Heights in A's world; absent: the volume that A's closed form was fitted over, else 8 % of L either way.
+  std::optional<double> z_min_mm = {}, z_max_mm = {};
+  int columns = 9, rows = 7, heights = 5;
+};
+
+struct ComparedPoint {
+  Eigen::Vector3d point_mm, difference_mm;  // P_A, eq. 1
+  Eigen::Vector3d u_mm;                     // square roots of the diagonal of eq. 2
+};
+
+struct ScannerComparison {
+  std::vector<ComparedPoint> points;
+  double rms_mm = 0, max_mm = 0;  // of |d|
+  double allowed_rms_mm = 0;      // what eq. 2 expects rms_mm to be
+  double ratio = 0;               // rms_mm / allowed_rms_mm
+};
+
+/// No result: different codes or image sizes, no covariance, fewer than 20 points that both see.
+Result<ScannerComparison> compare_scanners(const model::Scanner& a, const model::Scanner& b,
+                                           const CompareOptions& options = {});
+
+/// One sentence: whether the two agree within their uncertainties. More than twice what eq. 2 expects is called a
+/// disagreement: u's of some ten independent ways to differ leave the ratio below 1.4 in 95 % of cases.
+std::string verdict_of(const ScannerComparison& comparison);
+Value to_value(const ScannerComparison& comparison);
+
+}  // namespace fringecal::metrology

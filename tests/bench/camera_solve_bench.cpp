@@ -1,0 +1,56 @@
+// A camera from views of a board, k1 and k2, set-up and start included: ours, mrcal (k1, k2, p1, p2: it has no radial
+// model) and cv::calibrateCamera (its default of 30 iterations), side by side.
+#include "tests/calib/other_libraries.h"
+
+#include <benchmark/benchmark.h>
+
+#include <cstdlib>
+#include <opencv2/core/utility.hpp>
+
+namespace fringecal {
+namespace {
+
+struct Size {
+  int boards, side;
+  double pitch_mm;
+};
+Size size_of(const benchmark::State& state) { return state.range(0) == 20 ? Size{20, 10, 22.0} : Size{100, 20, 11.0}; }
+std::vector<calib::PlanarView> views_of(const Size& s) {
+  return test::planar_views(s.boards, s.side, s.side, s.pitch_mm, 0.1);
+}
+
+void BM_Ours(benchmark::State& state) {
+  const auto views = views_of(size_of(state));
+  ::setenv("FRINGECAL_THREADS", state.range(1) == 1 ? "1" : "2", 1);
+  for (auto _ : state) {
+    auto found = calib::solve_camera(views, 1392, 1040, {});
+    if (!found) state.SkipWithError(found.error().sentence.c_str());
+    benchmark::DoNotOptimize(found);
+  }
+}
+void BM_Mrcal(benchmark::State& state) {
+  const Size s = size_of(state);
+  const auto views = views_of(s);
+  cv::setNumThreads(static_cast<int>(state.range(1)));
+  for (auto _ : state) {
+    auto found = test::solve_with_mrcal(views, 1392, 1040, s.side, s.pitch_mm);
+    benchmark::DoNotOptimize(found);
+  }
+}
+void BM_OpenCv(benchmark::State& state) {
+  const auto views = views_of(size_of(state));
+  cv::setNumThreads(static_cast<int>(state.range(1)));
+  for (auto _ : state) {
+    auto found = test::solve_with_opencv(views, 1392, 1040, calib::DistortionTerms::radial, 30);
+    benchmark::DoNotOptimize(found);
+  }
+}
+// Arguments: boards (20 of 100 corners, 100 of 400), threads.
+#define FRINGECAL_SIZES \
+  ->Args({20, 1})->Args({20, 2})->Args({100, 1})->Args({100, 2})->Unit(benchmark::kMillisecond)->UseRealTime()
+BENCHMARK(BM_Ours) FRINGECAL_SIZES;
+BENCHMARK(BM_Mrcal) FRINGECAL_SIZES;
+BENCHMARK(BM_OpenCv) FRINGECAL_SIZES;
+
+}  // namespace
+}  // namespace fringecal
