@@ -124,8 +124,7 @@ std::optional<model::PhaseLinearisation> linearisation_from(const std::vector<st
 void run(const Options& options) {
   const model::Board board = model::read_board(options.board);
   const auto linearisation = linearisation_from(options.flat);
-  calib::BoardViews views =
-      calib::observe_captures(options.captures, board, linearisation ? &*linearisation : nullptr);
+  calib::BoardViews views = calib::observe_captures(options.captures, board, linearisation ? &*linearisation : nullptr);
   const int needed = std::max(3, options.min_poses);
   if (static_cast<int>(views.observations.size()) < needed) {
     std::string sentence = fmt::format("the board is found in {} of {} captures; at least {} are needed",
