@@ -178,7 +178,7 @@ Markup budget_table(const std::vector<ResultLine>& lines, const Catalogue& words
     sum.push_back(element("b", text(shown(two_digits(line.quantity->uncertainty.u), line.unit))));
   }
   rows.push_back(std::move(sum));
-  return table("small", columns, rows);
+  return element("div", {{"class", "keep"}}, table("small", columns, rows));
 }
 
 Markup budgets(const Certificate& c, const Catalogue& words) {

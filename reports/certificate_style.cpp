@@ -60,6 +60,7 @@ figure svg{width:100%;height:auto}
 figcaption{font-size:8.2pt;color:#55606c;margin-top:1.2mm}
 ul{margin:0 0 2mm;padding-left:5mm}
 .free{white-space:pre-wrap;overflow-wrap:anywhere}
+.keep{break-inside:avoid}
 .unbroken{white-space:nowrap}
 .hash{font-size:7.4pt;color:#55606c;margin-bottom:.8mm}
 .end{break-before:avoid;margin-top:7mm;text-align:center;color:#55606c;border-top:.6pt solid #b9c0c8;padding-top:2.4mm}
