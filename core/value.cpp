@@ -7,6 +7,7 @@
 #include <toml++/toml.h>
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 namespace fringecal {
@@ -51,6 +52,28 @@ Value from(const toml::node& node) {
   if (const auto* time = node.as_time()) text << *time;
   if (const auto* moment = node.as_date_time()) text << *moment;
   return Value(text.str());
+}
+
+constexpr int kDeepest = 256;  // the readers recurse once per level
+
+/// How deep arrays and objects stand in one another, brackets in strings not counted.
+int nesting(std::string_view json) {
+  int depth = 0, deepest = 0;
+  bool in_text = false;
+  for (std::size_t k = 0; k < json.size(); ++k) {
+    const char c = json[k];
+    if (in_text) {
+      if (c == '\\') ++k;
+      if (c == '"') in_text = false;
+    } else if (c == '"') {
+      in_text = true;
+    } else if (c == '[' || c == '{') {
+      deepest = std::max(deepest, ++depth);
+    } else if (c == ']' || c == '}') {
+      --depth;
+    }
+  }
+  return deepest;
 }
 
 bool is_plain(const Value& v) { return !v.if_array() && !v.if_object(); }
@@ -128,6 +151,9 @@ const Value* Value::find(std::string_view key) const {
 }
 
 Value parse_json(std::string_view text, const std::string& name) {
+  if (nesting(text) > kDeepest) {
+    throw InputError(fmt::format("{}: nested deeper than {}; no file of ours is", name, kDeepest));
+  }
   try {
     return from(nlohmann::ordered_json::parse(text));
   } catch (const nlohmann::json::parse_error& e) {

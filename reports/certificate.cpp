@@ -178,7 +178,7 @@ Stated stated(double value, double U) {
   return {plain(both.value), plain(both.u)};
 }
 
-std::string two_digits(double u) { return plain(significant(u, 2)); }
+std::string two_digits(double u) { return u > 0 ? stated(u, u).U : "0"; }
 
 std::string exact(double value) { return plain(fmt::format("{}", value)); }
 

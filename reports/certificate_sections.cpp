@@ -21,6 +21,12 @@ std::string limits_text(const ResultLine& line, const Catalogue& words) {
   return words("results.limit_none");
 }
 
+/// Short identifiers are not broken; long ones may be.
+Markup unbroken(const std::string& words) {
+  constexpr std::size_t kShort = 20;
+  return words.size() <= kShort ? element("span", {{"class", "unbroken"}}, text(words)) : text(words);
+}
+
 /// "3" says nothing by itself.
 std::string position_text(const ResultLine& line, const Catalogue& words) {
   const bool bare = line.position.find_first_not_of("0123456789") == std::string::npos && !line.position.empty();
@@ -42,9 +48,9 @@ Markup results_table(const std::vector<ResultLine>& lines, const Catalogue& word
     rows.push_back(
         {text(std::to_string(line.number)),
          element("b", text(line.symbol)) + text(" ") + element("span", {{"class", "sub"}}, text(words.name(line.name))),
-         text(line.artefact) + element("span", {{"class", "sub"}}, text(position_text(line, words))),
+         unbroken(line.artefact) + element("span", {{"class", "sub"}}, text(position_text(line, words))),
          text(shown(line.value, line.unit)), text(shown(line.U, line.unit)), text(line.k),
-         text(limits_text(line, words)), verdict_cell(line, words)});
+         element("span", {{"class", "unbroken"}}, text(limits_text(line, words))), verdict_cell(line, words)});
   }
   return table("results",
                {{words("results.line"), "", ""},
@@ -93,13 +99,15 @@ Markup method(const Certificate& c, const Catalogue& words) {
 
 Markup conditions(const Certificate& c, const Catalogue& words) {
   Markup rows;
+  std::set<std::string> seen;  // records of one day often share them
   for (const auto& record : c.records) {
     const auto& e = record.verification.environment;
-    rows += element(
-        "p", element("b", text(words("conditions.temperature") + ": ")) + text(temperature_text(e, words)) +
-                 (e.humidity_percent ? element("br", {}, {}) + element("b", text(words("conditions.humidity") + ": ")) +
-                                           text(shown(exact(*e.humidity_percent), "%"))
-                                     : Markup()));
+    Markup row = element("b", text(words("conditions.temperature") + ": ")) + text(temperature_text(e, words));
+    if (e.humidity_percent) {
+      row += element("br", {}, {}) + element("b", text(words("conditions.humidity") + ": ")) +
+             text(shown(exact(*e.humidity_percent), "%"));
+    }
+    if (seen.insert(row.html()).second) rows += element("p", row);
   }
   return element("section", element("h2", text(words("conditions.heading"))) + rows);
 }
@@ -117,10 +125,10 @@ Markup traceability(const Certificate& c, const Catalogue& words) {
         values += text(
             fmt::format("{}: {} ± {}, k = {}", words.name(v.name), shown(s.value, "mm"), shown(s.U, "mm"), exact(v.k)));
       }
-      Markup until = text(a.valid_until);
+      Markup until = unbroken(a.valid_until);
       if (a.expired_accepted) until += element("span", {{"class", "sub"}}, text(words("traceability.expired")));
-      rows.push_back({text(a.name) + element("span", {{"class", "sub"}}, text(words.name(a.kind))), values,
-                      text(a.certificate), text(a.laboratory), text(a.date), until});
+      rows.push_back({unbroken(a.name) + element("span", {{"class", "sub"}}, text(words.name(a.kind))), values,
+                      unbroken(a.certificate), unbroken(a.laboratory), unbroken(a.date), until});
     }
   }
   if (rows.empty()) return {};
@@ -170,7 +178,7 @@ Markup budget_table(const std::vector<ResultLine>& lines, const Catalogue& words
     sum.push_back(element("b", text(shown(two_digits(line.quantity->uncertainty.u), line.unit))));
   }
   rows.push_back(std::move(sum));
-  return table("small", columns, rows);
+  return element("div", {{"class", "keep"}}, table("small", columns, rows));
 }
 
 Markup budgets(const Certificate& c, const Catalogue& words) {

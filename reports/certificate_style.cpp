@@ -60,8 +60,10 @@ figure svg{width:100%;height:auto}
 figcaption{font-size:8.2pt;color:#55606c;margin-top:1.2mm}
 ul{margin:0 0 2mm;padding-left:5mm}
 .free{white-space:pre-wrap;overflow-wrap:anywhere}
+.keep{break-inside:avoid}
+.unbroken{white-space:nowrap}
 .hash{font-size:7.4pt;color:#55606c;margin-bottom:.8mm}
-.end{margin-top:9mm;text-align:center;color:#55606c;border-top:.6pt solid #b9c0c8;padding-top:2.4mm}
+.end{break-before:avoid;margin-top:7mm;text-align:center;color:#55606c;border-top:.6pt solid #b9c0c8;padding-top:2.4mm}
 h2,h3{break-after:avoid}
 @media screen{.running-laboratory,.running-title,.running-test{display:none}table{overflow-x:auto}}
 @page{size:A4;margin:21mm 20mm 22mm;

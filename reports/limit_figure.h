@@ -13,7 +13,7 @@
 
 namespace fringecal::reports {
 
-/// At most `rows_per_figure` rows each; empty where no line has limits.
-std::vector<Markup> limit_figures(const std::vector<ResultLine>& lines, std::size_t rows_per_figure = 30);
+/// At most `rows_per_figure` rows each (40 fill three quarters of A4); empty where no line has limits.
+std::vector<Markup> limit_figures(const std::vector<ResultLine>& lines, std::size_t rows_per_figure = 40);
 
 }  // namespace fringecal::reports

@@ -49,6 +49,13 @@ TEST(Value, ABrokenDocumentIsNamedWithItsLine) {
               AllOf(HasSubstr("plan.toml"), HasSubstr("line 2")));
 }
 
+TEST(Value, ADocumentNestedWithoutEndIsRefused) {
+  // The readers recurse: two million levels were a broken stack.
+  const std::string deep = std::string(2'000'000, '[') + std::string(2'000'000, ']');
+  EXPECT_THAT(message_of<InputError>([&] { parse_json(deep, "a.json"); }), HasSubstr("nested deeper than"));
+  EXPECT_NO_THROW(parse_json("{\"words\": \"" + std::string(1000, '[') + "\\\"[\"}", "a.json"));
+}
+
 TEST(Fields, AnUnknownKeyIsRefusedByNameAndPlace) {
   Fields fields = fields_of("a = 1\n[board]\nb = 2\nc = 3\n");
   EXPECT_EQ(fields.integer("a"), 1);
