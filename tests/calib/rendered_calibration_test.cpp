@@ -8,6 +8,7 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
@@ -60,7 +61,9 @@ TEST(RenderedCalibration, ErrsAsItsCovarianceSays) {
     sum += sd * sd / static_cast<double>(names.size());
     std::printf("%-34s normalised sd %.3f\n", names[k].c_str(), sd);
     // 0.8 .. 1.25 is asked of 60; fewer scatter more: 3.3 / sqrt(2 N).
-    if (instruments > 1) EXPECT_NEAR(sd, 1.0, std::max(0.25, 3.3 / std::sqrt(2.0 * instruments))) << names[k];
+    if (instruments > 1) {
+      EXPECT_NEAR(sd, 1.0, std::max(0.25, 3.3 / std::sqrt(2.0 * instruments))) << names[k];
+    }
   }
   std::printf("%d instruments, all parameters %.3f\n", instruments, std::sqrt(sum));
 }
