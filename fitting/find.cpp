@@ -177,7 +177,7 @@ std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, cons
       std::size_t same = 0;
       for (std::size_t k = 0; k < Neighbourhood::kCount; ++k)
         same += on[hood.neighbours[j * Neighbourhood::kCount + k]] ? 0u : 1u;
-      if (2 * same < Neighbourhood::kCount) beside[j] = false;
+      if (same < 4) beside[j] = false;
     }
     const std::vector<bool> in_margin = near_to(points_mm, hood, beside, margin_mm),
                             at_edge = near_to(points_mm, hood, edge, margin_mm);
