@@ -130,7 +130,8 @@ struct Cleaned {
 std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, const std::vector<bool>& is_free,
                                Fitted fitted, const std::vector<std::size_t>& first, const FindOptions& options) {
   constexpr int kRounds = 3;
-  constexpr double kGap = 2.0 * std::numbers::pi / 3.0;
+  constexpr double kGap = 170.0 / 180.0 * std::numbers::pi;  // 16 neighbours at random leave it once in 2000 points
+  constexpr double kScatter = 0.05;                          // of the extent: more is no surface but a cloud
   const double margin_mm = options.margin_spacings * hood.spacing_mm;
   std::optional<Cleaned> out;
   std::vector<std::size_t> members = first;
@@ -193,6 +194,12 @@ std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, cons
     const auto again = fit_as(fitted.shape.kind, chosen(points_mm, kept));
     if (!again) return out;
     fitted = *again;
+    Eigen::Vector3d mean = Eigen::Vector3d::Zero();
+    for (const std::size_t i : kept) mean += (points_mm[i] - points_mm[kept[0]]) / static_cast<double>(kept.size());
+    mean += points_mm[kept[0]];
+    double extent2 = 0.0;
+    for (const std::size_t i : kept) extent2 += (points_mm[i] - mean).squaredNorm() / static_cast<double>(kept.size());
+    if (!(fitted.shape.standard_deviation_mm <= kScatter * std::sqrt(extent2))) return std::nullopt;
     std::size_t next = 0;
     for (std::size_t m = 0; m < members.size(); ++m) {
       if (reasons[m] != PointReason::surface) continue;

@@ -4,10 +4,10 @@
 //   margin      nearer than `margin_spacings` point distances to a point that lies beside the shape's surface (a post, a
 //               base, a table: where two surfaces meet, a scanner's spot sees both)                              (1)
 //   silhouette  as near to the edge of the shape's points: a point whose neighbours on the shape leave a gap of more
-//               than 120 degrees around it (grazing views, half spots)                                            (2)
+//               than 170 degrees around it (grazing views, half spots)                                            (2)
 //   beyond      more than 3.5 robust standard deviations from the surface (Rejection::robust)                    (3)
 //   none        of no shape
-// A hypothesis is fitted as each kind; the one of least scatter stands, the simpler where the other gains less than a
+// A shape whose scatter is more than 5 % of its extent is none. A hypothesis is fitted as each kind; the one of least scatter stands, the simpler where the other gains less than a
 // tenth. With nominals, a shape gets the nominal of its kind nearest in size, within `max_size_error`; a nominal is given
 // once, to the shape that is nearest. Points in mm; the order of the points decides nothing but ties.
 #pragma once

@@ -8,8 +8,8 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <chrono>
 #include <cstdlib>
+#include <ctime>
 #include <limits>
 
 namespace fringecal::fitting {
@@ -157,9 +157,9 @@ TEST(FitAll, ReturnStationaryPointsOrReasonsForRandomInputs) {
     const Rejection rejection = random.below(200) == 0  ? Rejection::robust
                                 : random.below(20) == 0 ? Rejection::vdi_2634
                                                         : Rejection::none;
-    const auto start = std::chrono::steady_clock::now();
+    const std::clock_t start = std::clock();  // processor time: a busy machine is no hang
     const std::string problem = problem_of(cloud, rejection);
-    longest_s = std::max(longest_s, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+    longest_s = std::max(longest_s, static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);
     if (problem.empty()) continue;
     if (++failures <= 10) ADD_FAILURE() << "input " << i << ": " << problem;
   }
