@@ -130,7 +130,7 @@ struct Cleaned {
 std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, const std::vector<bool>& is_free,
                                Fitted fitted, const std::vector<std::size_t>& first, const FindOptions& options) {
   constexpr int kRounds = 3;
-  constexpr double kGap = 170.0 / 180.0 * std::numbers::pi;  // 16 neighbours at random leave it once in 2000 points
+  constexpr double kGap = 150.0 / 180.0 * std::numbers::pi;  // 16 neighbours at random leave it at one point in 200
   constexpr double kScatter = 0.05;                          // of the extent: more is no surface but a cloud
   const double margin_mm = options.margin_spacings * hood.spacing_mm;
   std::optional<Cleaned> out;

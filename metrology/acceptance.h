@@ -48,7 +48,7 @@ struct DistanceResult {
 
 struct EvaluateOptions {
   Environment environment;
-  std::int64_t monte_carlo_trials = 200'000;  // 95 % ends known to 1 % of u; 0: no validation
+  std::int64_t monte_carlo_trials = 200'000;  // ends known to 0.006 u; 0: no validation
 };
 
 struct CaptureResult {
