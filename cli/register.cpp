@@ -1,9 +1,9 @@
 // fringecal register: views of one object brought together, and written as one cloud.
-#include "metrology/registration.h"
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/file.h"
 #include "metrology/artefact.h"
+#include "metrology/registration.h"
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>

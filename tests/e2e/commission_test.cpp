@@ -30,9 +30,9 @@ double number(const Value& tree, const char* key) {
 /// into a history.
 void verifies_and_records(const fs::path& commissioning, const fs::path& history, const Value& truth) {
   const fs::path folder = commissioning.parent_path() / "v";
-  const std::vector<std::string> command = {"verify",          "--virtual", "--plan",        "vdi2634-2",
-                                            "--commissioning", commissioning.string(), "--output",
-                                            folder.string(),   "--history", history.string()};
+  const std::vector<std::string> command = {
+      "verify",   "--virtual",     "--plan",    "vdi2634-2",     "--commissioning", commissioning.string(),
+      "--output", folder.string(), "--history", history.string()};
   const auto run = run_fringecal(command);
   ASSERT_EQ(run.exit_code, 0) << run.errors;
   const Value record = read_json(folder / "verification.json");
