@@ -124,13 +124,14 @@ TEST(ResidualNoise, MakesUncertaintiesTheScatterOfRepeatsForCorrelatedNoise) {
 }
 
 // A blur of 1.5 px over a grid of 70: 136 independent areas for four parameters, and lags up to a fifth of the radius, so
-// that the share of the parameters in each lag (eq. 3) is not constant any more. u is then on the safe side, by 11 to 17 %
-// in 2000 repeats; 300 repeats know it to 4 %.
+// that the share of the parameters in each lag (eq. 3) is not constant any more. The 10 % of the narrower blur are not
+// reached: u is too large, by 11 to 17 % in 2000 repeats. What must hold is that it is not too small: 300 repeats know
+// the ratio to 4 %, two of it make 1.08; and that it still says something: a factor of two.
 TEST(ResidualNoise, IsOnTheSafeSideWhereTheBlurIsWide) {
   const Ratios ratios = repeat(1.5, 300);
   for (const double ratio : {ratios.diameter, ratios.x, ratios.z}) {
-    EXPECT_GT(ratio, 0.70);
-    EXPECT_LT(ratio, 1.05);
+    EXPECT_GT(ratio, 0.5);
+    EXPECT_LT(ratio, 1.08);
   }
   EXPECT_EQ(ratios.white, 0);
 }
