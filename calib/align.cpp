@@ -3,6 +3,7 @@
 #include "calib/align_edges.h"
 #include "calib/align_jumps.h"
 #include "calib/align_steps.h"
+#include "core/statistics.h"
 
 #include <fmt/format.h>
 #include <Eigen/Dense>
@@ -18,12 +19,6 @@ namespace {
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr int kMinEdges = 20;
 constexpr int kBlocks = 16;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Where along the slide, in pitches, each Gray bit and the wrap of the phase (eq. 3) belong.
 struct Slots {

@@ -1,6 +1,7 @@
 #include "calib/align_edges.h"
 
 #include "core/parallel.h"
+#include "core/statistics.h"
 
 #include <fmt/format.h>
 #include <Eigen/Dense>
@@ -259,12 +260,6 @@ std::vector<EdgeSegment> segments_of(const Line& line, int number, const EdgeOpt
     out.push_back(std::move(segment));
   }
   return out;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 }  // namespace

@@ -1,4 +1,5 @@
 #include "calib/align_jumps.h"
+#include "core/statistics.h"
 
 #include <algorithm>
 #include <bit>
@@ -10,12 +11,6 @@ namespace fringecal::calib {
 namespace {
 
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 struct BoundaryCounts {
   std::vector<double> jumps, periods;

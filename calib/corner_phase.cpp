@@ -10,6 +10,7 @@
 // [Bartlett1946] Without phase patterns residuals are those of a staircase, wholly correlated along a stripe: n is then
 // the number of stripes in the window, and the scatter that of a stripe's width, w / sqrt(12).
 #include "calib/board_detection.h"
+#include "core/statistics.h"
 
 #include <Eigen/Cholesky>
 
@@ -27,12 +28,6 @@ struct LocalFit {
   double value = 0, u = 0;
   Eigen::Vector2d gradient;  // du/dp at the corner
 };
-
-double median_of(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Correlation of the residuals of neighbours `step` apart (in the image), in [0, 0.95].
 double correlation(const Image<float>& residual, const Image<std::uint8_t>& used, int dx, int dy) {
@@ -69,7 +64,7 @@ std::optional<LocalFit> fit_window(const decode::PhaseMap& map, const Eigen::Vec
   }
   const int area = (w.x1 - w.x0 + 1) * (w.y1 - w.y0 + 1);
   if (static_cast<int>(noise.size()) < std::max(16, area / 4)) return std::nullopt;
-  const double typical = median_of(noise);
+  const double typical = median(noise);
   std::size_t quadrant[4] = {0, 0, 0, 0};
   for (int y = w.y0; y <= w.y1; ++y) {
     for (int x = w.x0; x <= w.x1; ++x) {
@@ -95,7 +90,7 @@ std::optional<LocalFit> fit_window(const decode::PhaseMap& map, const Eigen::Vec
   const double origin = [&] {
     std::vector<double> values;
     for (const Sample& s : samples) values.push_back(s.value);
-    return median_of(values);
+    return median(values);
   }();
   for (int pass = 0; pass < 8; ++pass) {
     normal.setZero();
@@ -114,7 +109,7 @@ std::optional<LocalFit> fit_window(const decode::PhaseMap& map, const Eigen::Vec
       residual[k] = samples[k].value - origin - samples[k].row.dot(a);
       sizes.push_back(std::abs(residual[k]));
     }
-    scale = std::max(1.4826 * median_of(std::move(sizes)), 1e-6 * period);
+    scale = std::max(1.4826 * median(std::move(sizes)), 1e-6 * period);
     for (std::size_t k = 0; k < samples.size(); ++k) {
       const double z = residual[k] / (4.685 * scale);
       robust[k] = std::abs(z) < 1 ? (1 - z * z) * (1 - z * z) : 0.0;
@@ -212,7 +207,7 @@ Eigen::Vector2d board_denominator(const std::vector<Eigen::Vector2d>& pixels, co
     std::vector<double> sizes;
     for (std::size_t k = 0; k < pixels.size(); ++k)
       sizes.push_back(std::abs((values[k] - mean) / range - rows[k].dot(s)));
-    const double scale = std::max(1.4826 * median_of(sizes), 1e-12);
+    const double scale = std::max(1.4826 * median(sizes), 1e-12);
     for (std::size_t k = 0; k < pixels.size(); ++k) robust[k] = sizes[k] < 4 * scale ? 1.0 : 0.0;
   }
   const Eigen::Vector2d b = s.tail<2>() / size;  // origin in `middle`

@@ -2,6 +2,7 @@
 
 #include "calib/bundle_rows.h"
 #include "core/error.h"
+#include "core/statistics.h"
 
 #include <fmt/format.h>
 
@@ -19,12 +20,6 @@ constexpr double kAbsent = 0.03;
 // Readings better than a thousandth of what they state are taken for a thousandth: without a floor, readings without
 // any error would drown the priors in rounding. The same holds for what scatters from capture to capture.
 constexpr double kLeastScale = 1e-3;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 std::size_t index_of(Group group) { return group == Group::camera ? 0 : 1; }
 

@@ -1,6 +1,7 @@
 // fringecal devices: what answers at the configured addresses, and how well the way there is.
 #include "cli/commands.h"
 #include "core/error.h"
+#include "core/statistics.h"
 #include "core/value.h"
 #include "hw/open_plc.h"
 #include "hw/scanner_file.h"
@@ -26,11 +27,6 @@ struct Options {
 
 double ms_since(Clock::time_point begin) {
   return std::chrono::duration<double, std::milli>(Clock::now() - begin).count();
-}
-
-double median(std::vector<double> values) {
-  std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
-  return values[values.size() / 2];
 }
 
 Value look_at_camera(const hw::AravisCameraOptions& options, int frames, bool json) {

@@ -4,7 +4,6 @@
 #include "core/error.h"
 #include "core/file.h"
 #include "metrology/history_series.h"
-#include "metrology/verification.h"
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -25,8 +24,7 @@ struct Options {
 
 std::string summary_of(const metrology::HistoryEntry& entry) {
   if (entry.kind != "verification") return "";
-  const std::string name = fmt::format("history, entry {}", entry.number);
-  const auto v = metrology::verification_from(parse_json(entry.document, name), name);
+  const auto v = metrology::verification_of(entry);
   const auto verdict = metrology::verdict_of(v);
   return fmt::format("{}, {}: {}", v.plan, v.scanner, verdict ? name_of(*verdict) : "no limits");
 }
@@ -45,12 +43,7 @@ void list(const Options& o) {
 }
 
 void show(const Options& o, std::int64_t number) {
-  const History history(o.file, History::Access::read);
-  const auto entries = history.entries(std::nullopt, number - 1);
-  if (entries.empty() || entries.front().number != number) {
-    throw InputError(fmt::format("{}: there is no entry {}; it has {}", o.file, number, history.size()));
-  }
-  fmt::print("{}", entries.front().document);
+  fmt::print("{}", History(o.file, History::Access::read).entry(number).document);
 }
 
 void check(const Options& o) {
@@ -70,8 +63,7 @@ void export_csv(const Options& o) {
   const History history(o.file, History::Access::read);
   std::string out = "number,date,plan,scanner,symbol,artefact,position,unit,value,u,U,k,verdict,hash\n";
   for (const auto& e : history.entries("verification")) {
-    const std::string name = fmt::format("history, entry {}", e.number);
-    const auto v = metrology::verification_from(parse_json(e.document, name), name);
+    const auto v = metrology::verification_of(e);
     for (const auto& q : v.quantities) {
       out += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", e.number, v.ended, csv_field(v.plan),
                          csv_field(v.scanner), csv_field(q.symbol), csv_field(q.artefact), csv_field(q.position),

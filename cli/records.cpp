@@ -41,11 +41,7 @@ std::vector<reports::Record> read_records(const std::vector<std::string>& names,
   if (const auto fault = history.check()) throw InputError(fmt::format("{}: {}", file, fault->sentence));
   for (const auto& name : names) {
     const std::int64_t number = entry_number(name);
-    const auto entries = history.entries(std::nullopt, number - 1);
-    if (entries.empty() || entries.front().number != number) {
-      throw InputError(fmt::format("{}: there is no entry {}; the history has {}", file, number, history.size()));
-    }
-    const auto& entry = entries.front();
+    const auto entry = history.entry(number);
     if (entry.kind != "verification") {
       throw InputError(fmt::format("{}: entry {} is of kind \"{}\"; only a verification can be certified", file, number,
                                    entry.kind));

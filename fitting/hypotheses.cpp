@@ -1,6 +1,7 @@
 #include "fitting/hypotheses.h"
 
 #include "core/error.h"
+#include "core/statistics.h"
 #include "fitting/least_squares.h"
 
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
@@ -28,12 +29,6 @@ using Traits = CGAL::Shape_detection::Efficient_RANSAC_traits<Kernel, std::vecto
                                                               CGAL::First_of_pair_property_map<WithNormal>,
                                                               CGAL::Second_of_pair_property_map<WithNormal>>;
 using Ransac = CGAL::Shape_detection::Efficient_RANSAC<Traits>;
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 }  // namespace
 

@@ -1,5 +1,6 @@
 #include "metrology/artefact.h"
 
+#include "core/statistics.h"
 #include "fitting/fit.h"
 #include "metrology/calibration_uncertainty.h"
 #include "metrology/segment.h"
@@ -76,12 +77,9 @@ std::vector<Eigen::Vector3d> thinned(std::span<const Eigen::Vector3d> points, st
 
 /// 1.4826 times the median absolute deviation from the median.
 double robust_sd(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  const double median = *middle;
-  for (double& v : values) v = std::abs(v - median);
-  std::nth_element(values.begin(), middle, values.end());
-  return 1.4826 * *middle;
+  const double middle = median(values);
+  for (double& v : values) v = std::abs(v - middle);
+  return 1.4826 * median(std::move(values));
 }
 
 struct Places {

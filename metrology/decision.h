@@ -1,7 +1,6 @@
 // Statement of conformity: a measured value y with U = k u against limits T_L, T_U.
 //
-// simple        accepted when T_L <= y <= T_U. Needs U <= (T_U - T_L) / 2 / 3 or a one-sided limit that U does not exceed,
-//               as ILAC-G8 asks where the risk is shared: the judgement says when that is not so.              (1) [ILAC-G8, 4.2.1]
+// simple        accepted when T_L <= y <= T_U, rejected otherwise: the risk is shared           (1) [ILAC-G8, 4.2.1]
 // iso_14253_1   default. Conformity is proved when y lies inside the limits by more than the guard band,
 //               non-conformity when it lies outside by more; between, neither is proved.
 //                 g = k_g u, k_g = 1.645: at most 5 % probability of a wrong statement at the limit            (2) [ISO14253-1:2017, 5]

@@ -144,6 +144,16 @@ std::vector<HistoryEntry> History::entries(const std::optional<std::string>& kin
   return out;
 }
 
+HistoryEntry History::entry(std::int64_t number) const {
+  SQLite::Statement row(state_->database, "SELECT number, date, kind, document, hash FROM entries WHERE number = ?");
+  row.bind(1, number);
+  if (!row.executeStep()) {
+    throw InputError(
+        fmt::format("{}: there is no entry {}; the history has {}", state_->file.string(), number, size()));
+  }
+  return read_entry(row);
+}
+
 std::int64_t History::size() const {
   return state_->database.execAndGet("SELECT coalesce(max(number), 0) FROM entries").getInt64();
 }

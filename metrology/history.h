@@ -54,6 +54,8 @@ class History {
   /// In their order; kind: only these. Numbers above `after` only.
   std::vector<HistoryEntry> entries(const std::optional<std::string>& kind = std::nullopt,
                                     std::int64_t after = 0) const;
+  /// The entry of that number. Throws InputError with how many there are.
+  HistoryEntry entry(std::int64_t number) const;
   std::int64_t size() const;
   /// The newest hash, eq. 1; h_0 when empty.
   std::string head() const;

@@ -1,21 +1,15 @@
 #include "metrology/history_series.h"
 
-#include "metrology/verification.h"
-
 #include <fmt/format.h>
 
 #include <algorithm>
 #include <cmath>
 
 namespace fringecal::metrology {
-namespace {
-
 Verification verification_of(const HistoryEntry& entry) {
   const std::string name = fmt::format("history, entry {}", entry.number);
   return verification_from(parse_json(entry.document, name), name);
 }
-
-}  // namespace
 
 HistorySeries series_of(const std::vector<HistoryEntry>& entries, const QuantityKey& key) {
   HistorySeries out;

@@ -3,6 +3,7 @@
 
 #include "metrology/control_chart.h"
 #include "metrology/history.h"
+#include "metrology/verification.h"
 
 #include <optional>
 #include <string>
@@ -23,6 +24,9 @@ struct HistorySeries {
   std::string unit = "mm", name;
   std::optional<Limits> limits;  // of the newest verification
 };
+
+/// The document of an entry of kind "verification". Throws InputError with the entry's number.
+Verification verification_of(const HistoryEntry& entry);
 
 /// Empty where no verification has the quantity. An entry that cannot be read: InputError with its number.
 HistorySeries series_of(const std::vector<HistoryEntry>& entries, const QuantityKey& key);

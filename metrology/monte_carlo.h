@@ -23,7 +23,7 @@
 
 namespace fringecal::metrology {
 
-/// An input and its distribution. `limits_u` > 0 makes a rectangular distribution one with inexactly known limits,
+/// An input and its distribution. `limits_d` > 0 makes a rectangular distribution one with inexactly known limits,
 /// the curvilinear trapezoid of [JCGM101, 6.4.3]: half-width d of each limit.
 struct RandomInput {
   double mean = 0;

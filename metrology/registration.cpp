@@ -2,6 +2,7 @@
 
 #include "core/error.h"
 #include "core/parallel.h"
+#include "core/statistics.h"
 #include "fitting/fit.h"
 
 #include <fmt/format.h>
@@ -260,11 +261,10 @@ std::vector<Residual> residuals_of(const Surface& a, const Surface& b, const Rig
   return out;
 }
 
+/// 1.4826 times the median size: about zero, where the views meet.
 double robust_sd(std::vector<double> values) {
   for (double& v : values) v = std::abs(v);
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return 1.4826 * *middle;
+  return 1.4826 * median(std::move(values));
 }
 
 double tukey(double z) {
