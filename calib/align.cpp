@@ -19,6 +19,7 @@ namespace {
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 constexpr int kMinEdges = 20;
 constexpr int kBlocks = 16;
+constexpr double kPathPeakToPeak2 = 3.8;  // (peak to peak)^2 over variance of a path of eq. 4
 
 /// Where along the slide, in pitches, each Gray bit and the wrap of the phase (eq. 3) belong.
 struct Slots {
@@ -219,14 +220,14 @@ Places places_of(const std::vector<BitMisalignment>& bits, const Slots& slots, c
   for (const auto& b : bits) place_mm.push_back(slots.gray[b.bit] * layout.pattern_pitch_mm);
   for (const double slot : slots.phase_steps) place_mm.push_back(slot * layout.pattern_pitch_mm);
   const auto [first, last] = std::minmax_element(place_mm.begin(), place_mm.end());
-  const double smooth_mm = std::max((*last - *first) / 3.0, layout.pattern_pitch_mm);
+  const double smooth_mm = std::max((*last - *first) / std::numbers::pi, layout.pattern_pitch_mm);
   const auto n = static_cast<Eigen::Index>(place_mm.size()), n_bits = static_cast<Eigen::Index>(bits.size());
   const double slide2 = layout.u_slide_mm * layout.u_slide_mm / stacks;
   Eigen::MatrixXd e(n, n), T = Eigen::MatrixXd::Zero(n_bits, n);
   for (Eigen::Index i = 0; i < n; ++i) {
     for (Eigen::Index j = 0; j < n; ++j) {
       const double t = (place_mm[i] - place_mm[j]) / smooth_mm;
-      e(i, j) = layout.straightness_mm * layout.straightness_mm / 7.0 * std::exp(-0.5 * t * t);
+      e(i, j) = layout.straightness_mm * layout.straightness_mm / kPathPeakToPeak2 * std::exp(-0.5 * t * t);
     }
     e(i, i) += layout.u_lithography_mm * layout.u_lithography_mm + slide2;
   }

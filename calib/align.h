@@ -11,10 +11,13 @@
 // The wrap of N steps sits at the mean slot sum w_k s_k of the phase patterns, w_k = (2/N) sin^2(2 pi k / N)      (3)
 // (four steps: the mean of PS1 and PS3, exact at any angle). With L_b the distance along the slide from bit b to it,
 //   delta_b = L_b sin(theta) + e_b - sum w_k e_k,   e the place of each pattern across the fringes              (4)
-// is solved for theta by generalised least squares. cov(e) = (u_lith^2 + u_slide^2 / n) I + (a^2 / 7) exp(-(s_i - s_j)^2 / 2 l^2):
-// n the stacks averaged; independent placement errors, and the slide's path with its straightness a (peak to peak), smooth over l = a third
-// of the travel. All bits share the phase patterns' errors, so no angle is known better than these allow. The scatter
-// of the edges themselves (noise) comes from blocks of rows and is far smaller. Where the bits contradict eq. 4
+// is solved for theta by generalised least squares, with the prior
+//   cov(e) = (u_lith^2 + u_slide^2 / n) I + (a^2 / 3.8) exp(-(s_i - s_j)^2 / 2 l^2),  l = T / pi
+// n the stacks averaged; independent placement errors, and the slide's path, smooth over its travel T: near s_i = s_j it
+// is the covariance of a half wave over T of any phase, cos(pi (s_i - s_j) / T), and 3.8 is the mean square of such
+// paths' peak to peak over T in units of their variance (Monte Carlo), so that a is what a data sheet calls
+// straightness. All bits share the phase patterns' errors, so no angle is known better than these allow. The scatter of
+// the edges themselves (noise) comes from blocks of rows and is far smaller. Where the bits contradict eq. 4
 // beyond chance (chi2), u is widened by sqrt(chi2/dof) and a remark says so.
 // Fine bits decide first: a coarse bit may be off by more than half a period, so each bit's edges are matched to the
 // wraps that the finer bits' angle predicts; the start is the difference of the two finest bits (one pitch only).

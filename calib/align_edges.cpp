@@ -175,21 +175,26 @@ struct Place {
   double q, period_px;
 };
 
-/// Eq. 3: quadratic through the six wraps nearest to x; q counts along x here.
-Place place_of(const std::vector<double>& wraps, double x) {
+/// Eq. 3 through the six wraps nearest to x and the five zeros between them; q counts along x here.
+Place place_of(const EdgeSegment& segment, double x) {
+  const auto& wraps = segment.wraps_px;
   const int n = static_cast<int>(wraps.size());
   const int after = static_cast<int>(std::lower_bound(wraps.begin(), wraps.end(), x) - wraps.begin());
   const int first = std::clamp(after - 3, 0, n - 6);
   const double scale = (wraps[first + 5] - wraps[first]) / 5.0;
-  Eigen::Matrix3d M = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d r = Eigen::Vector3d::Zero();
-  for (int i = first; i < first + 6; ++i) {
-    const double t = (wraps[i] - x) / scale;
-    const Eigen::Vector3d f(1, t, t * t);
+  Eigen::Matrix4d M = Eigen::Matrix4d::Zero();
+  Eigen::Vector4d r = Eigen::Vector4d::Zero();
+  const auto add = [&](double place_px, double count, double sign) {
+    const double t = (place_px - x) / scale;
+    const Eigen::Vector4d f(1, t, t * t, sign);
     M += f * f.transpose();
-    r += f * i;
+    r += f * count;
+  };
+  for (int i = first; i < first + 6; ++i) {
+    add(wraps[i], i, 1.0);
+    if (i < first + 5) add(segment.middles_px[i], i + 0.5, -1.0);
   }
-  const Eigen::Vector3d c = M.ldlt().solve(r);
+  const Eigen::Vector4d c = M.ldlt().solve(r);
   return {c[0], scale / c[1]};
 }
 
@@ -209,7 +214,7 @@ void add_edges(const Line& line, EdgeSegment& segment) {
     double previous_x = -1e9;
     for (int x = first; x < last; ++x) {
       if ((D(x) > 0) == (D(x + 1) > 0)) continue;
-      const Place here = place_of(segment.wraps_px, x + 0.5);
+      const Place here = place_of(segment, x + 0.5);
       const int quarter = std::max(2, static_cast<int>(0.25 * here.period_px));
       const int half = std::clamp(static_cast<int>(0.1 * here.period_px), 1, 8);
       if (x - quarter + 1 < first || x + quarter > last || x + 0.5 - previous_x < here.period_px / 2) continue;
@@ -227,7 +232,7 @@ void add_edges(const Line& line, EdgeSegment& segment) {
       if (centre - half < first || centre + half > last) continue;
       const double offset = zero_of_line(centre, half, D);
       if (!(std::abs(offset) <= half + 0.5)) continue;
-      const Place place = place_of(segment.wraps_px, centre + offset);
+      const Place place = place_of(segment, centre + offset);
       segment.edges.push_back({.bit = b,
                                .rising = (after > before) == (segment.direction > 0),
                                .x_px = centre + offset,
@@ -238,11 +243,23 @@ void add_edges(const Line& line, EdgeSegment& segment) {
   }
 }
 
+/// The zeros of S with C > 0 between the wraps; false where no sine fits.
+bool add_middles(const Line& line, EdgeSegment& segment) {
+  for (std::size_t i = 0; i + 1 < segment.wraps_px.size(); ++i) {
+    const double period = segment.wraps_px[i + 1] - segment.wraps_px[i];
+    const double middle = 0.5 * (segment.wraps_px[i] + segment.wraps_px[i + 1]);
+    segment.middles_px.push_back(refine_wrap(line, static_cast<int>(std::lround(middle)), period));
+    if (!(std::abs(segment.middles_px.back() - middle) < 0.25 * period)) return false;
+  }
+  return true;
+}
+
 std::vector<EdgeSegment> segments_of(const Line& line, int number, const EdgeOptions& options) {
   std::vector<EdgeSegment> out;
   for (const auto& run : split(line, raw_wraps(line))) {
     if (static_cast<int>(run.size()) < options.min_wraps) continue;
-    EdgeSegment segment{.line = number, .direction = run.front().direction, .wraps_px = {}, .edges = {}};
+    EdgeSegment segment{
+        .line = number, .direction = run.front().direction, .wraps_px = {}, .middles_px = {}, .edges = {}};
     for (std::size_t i = 0; i < run.size(); ++i) {
       const std::size_t a = i == 0 ? 0 : i - 1, b = std::min(i + 1, run.size() - 1);
       const double period = (run[b].x - run[a].x) / static_cast<double>(b - a);
@@ -254,7 +271,7 @@ std::vector<EdgeSegment> segments_of(const Line& line, int number, const EdgeOpt
         break;
       }  // an inner wrap that no sine fits
     }
-    if (static_cast<int>(segment.wraps_px.size()) < options.min_wraps) continue;
+    if (!add_middles(line, segment) || static_cast<int>(segment.wraps_px.size()) < options.min_wraps) continue;
     segment.nonflatness_periods = nonflatness(segment.wraps_px);
     add_edges(line, segment);
     out.push_back(std::move(segment));

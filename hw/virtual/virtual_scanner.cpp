@@ -249,6 +249,12 @@ double VirtualScanner::true_theta_rad(const InstrumentState& state) const {
   return 1e-3 * (instance_->preset.assembly.theta_mrad + instance_->adjuster_scale * moved);
 }
 
+std::vector<double> VirtualScanner::true_offsets_mm(const InstrumentState& state, std::uint64_t stack_seed) const {
+  std::vector<double> out;
+  for (const Exposure& e : instance_->exposures(state, true_theta_rad(state), stack_seed)) out.push_back(e.offset_mm);
+  return out;
+}
+
 Rigid3 VirtualScanner::preset_from_cam(const InstrumentState& state) const {
   const auto& g = instance_->preset.geometry;
   const double drift = instance_->drift(state);

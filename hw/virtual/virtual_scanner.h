@@ -119,6 +119,8 @@ class VirtualScanner {
   Rigid3 preset_from_cam(const InstrumentState& state) const;
   /// The true fringe angle. For tests and truth files only.
   double true_theta_rad(const InstrumentState& state) const;
+  /// Where each pattern of a stack really stands across the fringes on the grating, eq. 1, mm. For tests only.
+  std::vector<double> true_offsets_mm(const InstrumentState& state, std::uint64_t stack_seed) const;
   /// Where the corners of a board really are, row after row, in its part's frame. For tests and truth files only.
   std::vector<Eigen::Vector3d> true_corners_mm(const PatternBoard& board) const;
 
