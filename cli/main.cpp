@@ -8,15 +8,39 @@
 #include "hw/capture_sequence.h"
 #include "hw/plc.h"
 
+#include <sys/stat.h>
+#include <unistd.h>
 #include <CLI/CLI.hpp>
 
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <new>
+#include <string>
+
+namespace {
+
+/// Nothing that is written can be written by everybody, whatever the umask of the shell; and a word to root, whose files
+/// the operator cannot continue.
+void be_careful(int argc, char** argv) {
+  ::umask(::umask(S_IWOTH) | S_IWOTH);
+  const std::string command = argc > 1 ? argv[1] : "";
+  const bool only_prints = command.empty() || command.front() == '-' || command == "man" || command == "completion";
+  if (::geteuid() == 0 && !only_prints && std::getenv("FRINGECAL_ROOT_IS_MEANT") == nullptr) {
+    std::fputs(
+        "fringecal: warning: running as root; no command needs it, and other users cannot continue what root began. "
+        "Run it as the operator, who needs access to the camera's network and to the PLC's line only (or set "
+        "FRINGECAL_ROOT_IS_MEANT).\n",
+        stderr);
+  }
+}
+
+}  // namespace
 
 int main(int argc, char** argv) {
   using namespace fringecal;
+  be_careful(argc, argv);
   CLI::App app{"fringecal - commissions, verifies and certifies fringe-projection 3D scanners", "fringecal"};
   app.set_version_flag("--version", std::string("fringecal ") + kProgramVersion);
   app.require_subcommand(1);
@@ -43,6 +67,7 @@ int main(int argc, char** argv) {
   cli::add_devices(app);
   cli::add_virtual(app);
   cli::add_render(app);
+  cli::add_manual(app);
   try {
     app.parse(argc, argv);
     return 0;
