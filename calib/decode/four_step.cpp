@@ -92,23 +92,9 @@ HWY_INLINE VF arc_tangent(VF s, VF c) {
 
 /// The task's constants.
 struct Constants {
-  VF read, gain, saturation, least_modulation, shadow, u_factor;
+  VF read, gain, least_power, shadow_power;
   float periods;
 };
-
-/// What a vector of floats needs of its integers.
-struct Floats {
-  VF sigma, modulation, mean;
-};
-
-HWY_INLINE Floats floats_of(const Constants& k, VF s, VF c, VF four_mean) {
-  const F d;
-  Floats f;
-  f.mean = hn::Mul(hn::Set(d, 0.25f), four_mean);
-  f.modulation = hn::Mul(hn::Set(d, 0.5f), hn::Sqrt(hn::Add(hn::Mul(s, s), hn::Mul(c, c))));
-  f.sigma = hn::Sqrt(hn::Max(hn::Set(d, 1.0f / 12.0f), hn::Add(k.read, hn::Mul(k.gain, f.mean))));
-  return f;
-}
 
 /// |4 t| of the bits beside the pixel's stripe, for OrderRule::whole_stripe.
 template <class V>
@@ -166,13 +152,8 @@ HWY_INLINE Order order_of_whole_stripe(VF stripe, VF wrapped, VF u_phi, VF sigma
   return {hn::Add(stripe, hn::IfThenElseZero(take, step)), hn::Or(hn::Not(inner), full)};
 }
 
-/// Writes a vector of floats where it is wanted.
-HWY_INLINE void put(VF v, float* to, std::size_t at) {
-  if (to) hn::StoreU(v, F(), to + at);
-}
-
-/// Everything of one vector of integers from pixel `at`.
-template <class Pixel, OrderRule kRule>
+/// Everything of one vector of integers from pixel `at`. kBits: of the code; 0: task.bits.
+template <class Pixel, OrderRule kRule, int kBits>
 HWY_INLINE void decode_step(const FourStepTask& task, const Constants& k, std::size_t at) {
   using D = Wide<Pixel>;
   using T = hn::TFromD<D>;
@@ -180,7 +161,7 @@ HWY_INLINE void decode_step(const FourStepTask& task, const Constants& k, std::s
   constexpr int kFloats = kParts<Pixel>;
   const D d;
   const F f;
-  const std::size_t lanes = hn::Lanes(f);
+  const int bits = kBits > 0 ? kBits : task.bits;
 
   const V i0 = load<Pixel>(task.phase[0], at), i1 = load<Pixel>(task.phase[1], at), i2 = load<Pixel>(task.phase[2], at),
           i3 = load<Pixel>(task.phase[3], at);
@@ -189,53 +170,52 @@ HWY_INLINE void decode_step(const FourStepTask& task, const Constants& k, std::s
   const auto saturated =
       hn::Gt(hn::Max(hn::Max(i0, i1), hn::Max(i2, i3)), hn::Set(d, static_cast<T>(task.saturation - 1)));
 
-  V stripe = hn::Zero(d), bit = hn::Zero(d), sizes[FourStepTask::kMostBits];
-  for (int b = 0; b < task.bits; ++b) {
+  V stripe = hn::Zero(d), bit = hn::Zero(d), sizes[kBits > 0 ? kBits : FourStepTask::kMostBits];
+  sizes[0] = stripe;
+#pragma GCC unroll 8
+  for (int b = 0; b < bits; ++b) {
     const V minus = hn::Sub(four_mean, hn::ShiftLeft<2>(load<Pixel>(task.gray[b], at)));  // -4 t_b, eq. 1
     bit = hn::Xor(bit, hn::BroadcastSignBit(minus));                                      // all ones: binary bit 1
     stripe = hn::Sub(hn::Add(stripe, stripe), bit);
-    sizes[b] = hn::Abs(minus);
+    if constexpr (kRule != OrderRule::plain) sizes[b] = hn::Abs(minus);
   }
-
-  Floats floats[kFloats];
-  VI limits[kFloats];
-  const auto begin = [&](auto part) {
-    constexpr int p = decltype(part)::value;
-    floats[p] = floats_of(k, as_float<p>(s), as_float<p>(c), as_float<p>(four_mean));
-    limits[p] = hn::ConvertTo(I(), hn::Mul(hn::Set(f, 4.0f), floats[p].sigma));  // eq. 3
-  };
-  begin(std::integral_constant<int, 0>());
-  if constexpr (kFloats == 2) begin(std::integral_constant<int, 1>());
-
-  V flags = hn::IfThenElseZero(saturated, hn::Set(d, static_cast<T>(Validity::saturated)));
+  // The least |4 t| of the bits that do not toggle near the pixel.
+  V least = hn::Set(d, hwy::HighestValue<T>());
   Beside<V> beside;
   if constexpr (kRule != OrderRule::plain) {
-    const V limit = narrowed(limits), three = hn::Set(d, T{3});
-    V undecided = hn::Zero(d);
-    for (int b = 0; b + 2 < task.bits; ++b) {
-      const T h = static_cast<T>(1 << (task.bits - 1 - b));
+#pragma GCC unroll 8
+    for (int b = 0; b + 2 < bits; ++b) {
+      const T h = static_cast<T>(1 << (bits - 1 - b));
       const V from = hn::And(hn::Sub(hn::Set(d, static_cast<T>(h + 1)), stripe), hn::Set(d, static_cast<T>(2 * h - 1)));
-      undecided =
-          hn::Or(undecided, hn::VecFromMask(d, hn::AndNot(hn::Gt(sizes[b], limit), hn::Gt(from, three))));  // (4)
+      least = hn::IfThenElse(hn::Gt(from, hn::Set(d, T{3})), hn::Min(least, sizes[b]), least);  // (4)
     }
-    flags = hn::Or(flags, hn::And(undecided, hn::Set(d, static_cast<T>(Validity::inconsistent_code))));
     if constexpr (kRule == OrderRule::whole_stripe) {
       beside.strongest = sizes[0];
-      for (int b = 1; b < task.bits; ++b) beside.strongest = hn::Max(beside.strongest, sizes[b]);
-      beside.below = toggling(d, stripe, sizes, task.bits, beside.strongest);
-      beside.above = toggling(d, hn::Add(stripe, hn::Set(d, T{1})), sizes, task.bits, beside.strongest);
+      for (int b = 1; b < bits; ++b) beside.strongest = hn::Max(beside.strongest, sizes[b]);
+      beside.below = toggling(d, stripe, sizes, bits, beside.strongest);
+      beside.above = toggling(d, hn::Add(stripe, hn::Set(d, T{1})), sizes, bits, beside.strongest);
     }
   }
+  const V flags = hn::VecFromMask(d, saturated);
 
   VI codes[kFloats];
   const auto finish = [&](auto part) {
     constexpr int p = decltype(part)::value;
-    const Floats& l = floats[p];
-    const VF wrapped = arc_tangent(as_float<p>(s), as_float<p>(c));
-    const VF u_phi = hn::Div(hn::Mul(k.u_factor, l.sigma), l.modulation);
-    const VI flag = widened<p>(flags);
-    VI code = hn::And(flag, hn::Set(I(), static_cast<std::int32_t>(Validity::inconsistent_code)));
+    const VF sine = as_float<p>(s), cosine = as_float<p>(c);
+    const VF mean = hn::Mul(hn::Set(f, 0.25f), as_float<p>(four_mean));
+    const VF power = hn::Add(hn::Mul(sine, sine), hn::Mul(cosine, cosine));  // 4 B^2
+    const VF variance = hn::Max(hn::Set(f, 1.0f / 12.0f), hn::Add(k.read, hn::Mul(k.gain, mean)));
+    const VF wrapped = arc_tangent(sine, cosine);
+    const auto modulation_of = [&] { return hn::Mul(hn::Set(f, 0.5f), hn::Sqrt(power)); };
+    const auto u_phi_of = [&] {  // decode.h, eq. 4
+      return hn::Div(hn::Mul(hn::Set(f, std::numbers::sqrt2_v<float> / 2), hn::Sqrt(variance)), modulation_of());
+    };
+    VI code = hn::Zero(I());
+    const auto say = [&](hn::Mask<F> where, Validity what) {
+      code = hn::IfThenElse(hn::RebindMask(I(), where), hn::Set(I(), static_cast<std::int32_t>(what)), code);
+    };
     VF m;
+    // Of the reasons the last one said stands.
     if constexpr (kRule == OrderRule::plain) {
       m = as_float<p>(task.stripes_per_period == 2 ? hn::ShiftRight<1>(stripe) : stripe);
     } else {
@@ -244,32 +224,28 @@ HWY_INLINE void decode_step(const FourStepTask& task, const Constants& k, std::s
         order = order_of_half_stripe(as_float<p>(stripe), wrapped, k.periods);
       } else {
         order = order_of_whole_stripe(
-            as_float<p>(stripe), wrapped, u_phi, l.sigma,
+            as_float<p>(stripe), wrapped, u_phi_of(), hn::Sqrt(variance),
             {as_float<p>(beside.strongest), as_float<p>(beside.below), as_float<p>(beside.above)});
       }
       m = order.m;
-      const VI four = hn::Set(I(), static_cast<std::int32_t>(Validity::inconsistent_code));
-      code = hn::IfThenElse(hn::RebindMask(I(), order.consistent), code, four);
+      const VF smallest = as_float<p>(least);
+      const auto decided = hn::Gt(hn::Mul(smallest, smallest), hn::Mul(hn::Set(f, 16.0f), variance));  // (3)
+      say(hn::Not(hn::And(order.consistent, decided)), Validity::inconsistent_code);
     }
-    const auto say = [&](hn::Mask<F> where, Validity what) {
-      code = hn::IfThenElse(hn::RebindMask(I(), where), hn::Set(I(), static_cast<std::int32_t>(what)), code);
-    };
-    // The last one said stands.
-    say(hn::Not(hn::Ge(l.modulation, k.least_modulation)), Validity::low_modulation);
-    say(hn::Not(hn::Gt(l.modulation, hn::Mul(k.shadow, l.sigma))), Validity::shadow);
-    const VI two = hn::Set(I(), static_cast<std::int32_t>(Validity::saturated));
-    code = hn::IfThenElse(hn::TestBit(flag, two), two, code);
+    say(hn::Lt(power, k.least_power), Validity::low_modulation);
+    say(hn::Not(hn::Gt(power, hn::Mul(k.shadow_power, variance))), Validity::shadow);
+    say(hn::RebindMask(f, hn::Lt(widened<p>(flags), hn::Zero(I()))), Validity::saturated);
     codes[p] = code;
 
     const auto valid = hn::RebindMask(f, hn::Eq(code, hn::Zero(I())));
     const VF nan = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
     const VF phase = hn::Add(hn::Mul(hn::Set(f, 2 * std::numbers::pi_v<float>), m), wrapped);  // decode.h, eq. 3
-    const std::size_t to = at + p * lanes;
+    const std::size_t to = at + p * hn::Lanes(f);
     hn::StoreU(hn::IfThenElse(valid, phase, nan), f, task.phase_rad + to);
-    put(wrapped, task.wrapped_rad, to);
-    put(l.modulation, task.modulation, to);
-    put(l.mean, task.mean, to);
-    put(hn::IfThenElse(valid, u_phi, nan), task.u_phase_rad, to);
+    if (task.wrapped_rad) hn::StoreU(wrapped, f, task.wrapped_rad + to);
+    if (task.modulation) hn::StoreU(modulation_of(), f, task.modulation + to);
+    if (task.mean) hn::StoreU(mean, f, task.mean + to);
+    if (task.u_phase_rad) hn::StoreU(hn::IfThenElse(valid, u_phi_of(), nan), f, task.u_phase_rad + to);
   };
   finish(std::integral_constant<int, 0>());
   if constexpr (kFloats == 2) finish(std::integral_constant<int, 1>());
@@ -280,18 +256,23 @@ HWY_INLINE void decode_step(const FourStepTask& task, const Constants& k, std::s
 template <class Pixel, OrderRule kRule>
 void decode_whole(const FourStepTask& task, const Constants& k, std::size_t first, std::size_t count) {
   const std::size_t step = hn::Lanes(Wide<Pixel>());
-  for (std::size_t at = first; at < first + count; at += step) decode_step<Pixel, kRule>(task, k, at);
+  if constexpr (sizeof(Pixel) == 1) {
+    if (task.bits == 7) {  // the paper's; unrolled, the bits stay in registers
+      for (std::size_t at = first; at < first + count; at += step) decode_step<Pixel, kRule, 7>(task, k, at);
+      return;
+    }
+  }
+  for (std::size_t at = first; at < first + count; at += step) decode_step<Pixel, kRule, 0>(task, k, at);
 }
 
 template <class Pixel, OrderRule kRule>
 void decode_range_of(const FourStepTask& task, std::size_t first, std::size_t count) {
   const F d;
+  const float least = task.min_modulation, shadow = task.shadow_modulation_per_sigma;
   const Constants k{.read = hn::Set(d, task.read_variance),
                     .gain = hn::Set(d, task.gain),
-                    .saturation = hn::Set(d, task.saturation),
-                    .least_modulation = hn::Set(d, task.min_modulation),
-                    .shadow = hn::Set(d, task.shadow_modulation_per_sigma),
-                    .u_factor = hn::Set(d, std::numbers::sqrt2_v<float> / 2),
+                    .least_power = hn::Set(d, 4 * least * least),
+                    .shadow_power = hn::Set(d, 4 * shadow * shadow),
                     .periods = static_cast<float>((1 << task.bits) / task.stripes_per_period)};
   constexpr std::size_t kMostLanes = HWY_MAX_BYTES / 2;
   const std::size_t step = hn::Lanes(Wide<Pixel>()), whole = count / step * step, rest = count - whole;

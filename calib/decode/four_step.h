@@ -4,12 +4,13 @@
 //   S = I1 - I3,  C = I0 - I2,  4 A = I0 + I1 + I2 + I3,  4 t_b = 4 G_b - 4 A      integers, exact                  (1)
 //   phi' = atan2(S, C): with a = min / max of |S|, |C|, reduced about pi / 4 above tan(pi / 8), and a polynomial of
 //   degree 9 in a; off the true value by less than 3e-7 rad                                             [Moshier]  (2)
-//   4 t_b is undecided where |4 t_b| <= floor(4 sigma(A))                                                          (3)
+//   bit b is undecided where (4 t_b)^2 <= 16 sigma^2(A); limits of B are compared as 4 B^2 = S^2 + C^2              (3)
 //   bit b of an n-bit code toggles within a stripe and a half of stripe s where, with h = 2^(n - 1 - b),
 //   (h + 1 - s) mod 2 h <= 3; the finest two bits always do (gray.h, eq. 7)                                        (4)
 //
 // Every pixel stands alone, so the bytes do not depend on the width of the vectors, on the number of threads or on how
-// the range is cut; no fused multiply-add. Equal to the general path of decode.cpp but for eq. 2's polynomial.
+// the range is cut; no fused multiply-add. Equal to the general path of decode.cpp but for eq. 2's polynomial and the
+// rounding of a value that lies on a limit.
 #pragma once
 
 #include <array>

@@ -39,7 +39,7 @@ Capture capture_of(int width, int height) {
 
 void print(const std::vector<Contender>& contenders, double ours_ms) {
   for (const Contender& c : contenders) {
-    fmt::print("    {:<46}{:>10.3f} ms{:>9.2f} x\n", c.name, median(c.times_ms), median(c.times_ms) / ours_ms);
+    fmt::print("    {:<49}{:>10.3f} ms{:>9.2f} x\n", c.name, median(c.times_ms), median(c.times_ms) / ours_ms);
   }
   std::fflush(stdout);
 }
@@ -65,14 +65,16 @@ void beside_peers(int rounds) {
          constexpr std::size_t kChunk = 32768;
          parallel_for(static_cast<int>((pixels + kChunk - 1) / kChunk), [&](int chunk) {
            const std::size_t first = static_cast<std::size_t>(chunk) * kChunk;
-           touch_everything(task, first, std::min(kChunk, pixels - first));
+           native::touch_everything(task, first, std::min(kChunk, pixels - first));
          });
        }},
       {"fringecal: phase and mask, redundant", [&] { decode_into(least, Detail::phase, 1.0); }},
       {"fringecal: modulation and uncertainty too", [&] { decode_into(measuring, Detail::measuring, 1.0); }},
       {"fringecal: everything", [&] { decode_into(all, Detail::all, 1.0); }},
       {"fringecal: phase and mask, noise estimated", [&] { decode_into(estimated, Detail::phase, {}); }},
-      {"float loop with libmvec, one thread", [&] { decode_by_float_loop(task); }},
+      {"float loop with libmvec, any x86-64, one thread", [&] { portable::decode_by_float_loop(task); }},
+      {"the same for x86-64-v3", [&] { v3::decode_by_float_loop(task); }},
+      {"the same for this machine only (-march=native)", [&] { native::decode_by_float_loop(task); }},
       {"cv::phase and friends", [&] { decode_by_opencv(task); }, 4},
   };
   if (const auto structured = structured_light_decoder()) {

@@ -17,11 +17,17 @@ struct DecodePeerTask {
   std::uint8_t* invalid = nullptr;
 };
 
-/// The bound: every frame read once, both outputs written.
-void touch_everything(const DecodePeerTask& task, std::size_t first, std::size_t count);
-
-/// The float loop that a compiler vectorises by itself, std::atan2 by libmvec; the same half-stripe rule as ours.
-void decode_by_float_loop(const DecodePeerTask& task);
+/// native: compiled for this machine only; v3: for x86-64-v3 (AVX2); portable: for any x86-64.
+#define FRINGECAL_DECODE_LOOPS(name)                                                       \
+  namespace name {                                                                         \
+  /* The bound: every frame read once, both outputs written. */                            \
+  void touch_everything(const DecodePeerTask& task, std::size_t first, std::size_t count); \
+  /* A float loop with std::atan2 by libmvec; the same half-stripe rule as ours. */        \
+  void decode_by_float_loop(const DecodePeerTask& task);                                   \
+  }
+FRINGECAL_DECODE_LOOPS(native)
+FRINGECAL_DECODE_LOOPS(v3)
+FRINGECAL_DECODE_LOOPS(portable)
 
 /// cv::subtract, cv::phase, cv::magnitude, cv::compare, ... on whole images; plain orders.
 void decode_by_opencv(const DecodePeerTask& task);
