@@ -52,8 +52,8 @@ HWY_INLINE Place place_at(const Constants& c, const V* a, V w, V target) {
   const V y = hn::Mul(hn::Add(a[1], hn::Mul(c.t[1], w)), inverse);
   const V xx = hn::Mul(x, x), xy = hn::Mul(x, y), yy = hn::Mul(y, y), r2 = hn::Add(xx, yy);
   const V s = hn::Add(one, hn::Mul(r2, hn::Add(c.k[0], hn::Mul(r2, hn::Add(c.k[1], hn::Mul(r2, c.k[4]))))));
-  const V ds = hn::Mul(two, hn::Add(c.k[0], hn::Mul(r2, hn::Add(hn::Mul(two, c.k[1]),
-                                                                hn::Mul(hn::Set(d, 3.0), hn::Mul(r2, c.k[4]))))));
+  const V ds = hn::Mul(
+      two, hn::Add(c.k[0], hn::Mul(r2, hn::Add(hn::Mul(two, c.k[1]), hn::Mul(hn::Set(d, 3.0), hn::Mul(r2, c.k[4]))))));
   const V px = hn::Mul(c.k[2], x), py = hn::Mul(c.k[2], y), qx = hn::Mul(c.k[3], x), qy = hn::Mul(c.k[3], y);
   const V six = hn::Set(d, 6.0);
   const V jxx = hn::Add(hn::Add(s, hn::Mul(ds, xx)), hn::Add(hn::Mul(two, py), hn::Mul(six, qx)));
@@ -71,9 +71,9 @@ HWY_INLINE Place place_at(const Constants& c, const V* a, V w, V target) {
   }
   Place out;
   out.residual = hn::Sub(value, target);
-  out.derivative = hn::Mul(hn::Add(hn::Mul(by_x, hn::Sub(c.t[0], hn::Mul(x, c.t[2]))),
-                                   hn::Mul(by_y, hn::Sub(c.t[1], hn::Mul(y, c.t[2])))),
-                           inverse);
+  out.derivative = hn::Mul(
+      hn::Add(hn::Mul(by_x, hn::Sub(c.t[0], hn::Mul(x, c.t[2]))), hn::Mul(by_y, hn::Sub(c.t[1], hn::Mul(y, c.t[2])))),
+      inverse);
   const V determinant = hn::Sub(hn::Mul(jxx, jyy), hn::Mul(jxy, jxy));
   out.sound = hn::And(hn::And(hn::Gt(qz, hn::Zero(d)), hn::Gt(determinant, hn::Set(d, 1e-6))),
                       hn::Gt(hn::Abs(out.derivative), hn::Zero(d)));
@@ -99,8 +99,8 @@ HWY_INLINE void step(const SpanTask& task, const Constants& c, std::size_t at) {
     w = hn::Sub(w, move);
   }
   // The limit of triangulate_ray(), ten times as wide: its last step is the rounding of g itself.
-  const V limit = hn::Add(hn::Mul(hn::Set(d, 1e-13), hn::Abs(w)),
-                          hn::Div(hn::Set(d, 4e-15), hn::Abs(place.derivative)));
+  const V limit =
+      hn::Add(hn::Mul(hn::Set(d, 1e-13), hn::Abs(w)), hn::Div(hn::Set(d, 4e-15), hn::Abs(place.derivative)));
   const auto good = hn::And(hn::And(place.sound, hn::Gt(w, hn::Zero(d))), hn::Le(hn::Abs(move), limit));
   const V z = hn::IfThenElseZero(good, hn::Div(hn::Set(d, 1.0), w));
   const auto or_zero = [&](V v) { return hn::IfThenElseZero(good, v); };
@@ -179,9 +179,9 @@ SpanTask span_task(const Projector& projector, const Rigid3& proj_from_cam, Code
 }
 
 std::optional<double> du_per_mm(const Projector& projector, const Rigid3& proj_from_cam, CodeAxis axis,
-                                const Eigen::Vector3d& point_in_cam_mm) {
+                                const Eigen::Vector3d& point_in_cam_mm, const Eigen::Vector3d& direction_in_cam) {
   // A central difference over 0.02 mm: its error, the third derivative, is below 1e-9 of du/dl.
-  const Eigen::Vector3d direction = proj_from_cam.rotation * point_in_cam_mm.normalized();
+  const Eigen::Vector3d direction = proj_from_cam.rotation * direction_in_cam.normalized();
   const Eigen::Vector3d in_proj = proj_from_cam * point_in_cam_mm;
   const auto ahead = projector.project(axis, in_proj + 0.01 * direction);
   const auto behind = projector.project(axis, in_proj - 0.01 * direction);

@@ -16,6 +16,7 @@
 #include <Eigen/Core>
 
 #include <cstddef>
+#include <optional>
 
 namespace fringecal::model {
 
@@ -44,8 +45,8 @@ SpanTask span_task(const Projector& projector, const Rigid3& proj_from_cam, Code
 /// The pixels first .. first + count - 1.
 void triangulate_span(const SpanTask& task, std::size_t first, std::size_t count);
 
-/// |Eq. 1| at a point of one ray in cam; empty where triangulate_ray() would not stand either.
+/// |Eq. 1| at one point in cam and along any direction; empty where triangulate_ray() would not stand either.
 std::optional<double> du_per_mm(const Projector& projector, const Rigid3& proj_from_cam, CodeAxis axis,
-                                const Eigen::Vector3d& point_in_cam_mm);
+                                const Eigen::Vector3d& point_in_cam_mm, const Eigen::Vector3d& direction_in_cam);
 
 }  // namespace fringecal::model
