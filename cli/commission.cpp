@@ -34,17 +34,30 @@ void commission(const Options& options) {
   const CommissionSession session(options.output, options.choices, options.fresh);
   CommissionScanner instrument(session, options.scanner, interrupt.token());
   Progress progress(Weights::total(options.choices.repeats));
+  const Stopwatch watch;
+  std::string times;
+  double before_s = 0;
+  const auto took = [&](const char* what) {
+    const double now_s = watch.seconds();
+    times += fmt::format("{}{} {:.1f} s", times.empty() ? "" : ", ", what, now_s - before_s);
+    before_s = now_s;
+  };
   align_step(session, instrument, progress);
+  took("aligning");
   linearise_step(session, instrument, progress);
+  took("linearising");
   calibrate_step(session, instrument, progress);
+  took("calibrating");
   verify_step(session, instrument, progress);
+  took("verifying");
   instrument.check_stop();
   progress.start("writing the report");
   const auto report = gather_report(session, instrument);
   reports::write_commissioning_report(session.folder(), report);
   write_atomically(session.path("truth.json"), to_json(instrument.truth()));
   progress.done(Weights::report);
-  progress.finish_step(fmt::format("report written: {}", session.path("report.html").string()));
+  took("report");
+  progress.finish_step(fmt::format("report written: {}; {}", session.path("report.html").string(), times));
   fmt::print("{}", options.json ? to_json(reports::to_value(report)) : summary_table(report));
 }
 

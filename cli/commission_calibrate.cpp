@@ -2,6 +2,7 @@
 #include "calib/board_detection.h"
 #include "calib/calibrate.h"
 #include "calib/fit_chen2008.h"
+#include "cli/behind.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 
@@ -22,23 +23,27 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   int width_px = 0, height_px = 0;
   Value poses = Value::array();
   Provenance provenance = provenance_now();
+  Behind behind;
   for (int i = 0; i < kBoardPoses; ++i) {
     const std::string name = fmt::format("calibration/pose-{:02}", i);
     progress.start(fmt::format("calibrating, board pose {} of {}", i + 1, kBoardPoses));
-    const Capture capture = instrument.capture(name, fmt::format("calibration {}", i));
+    Capture capture = instrument.capture(name, fmt::format("calibration {}", i));
     for (const auto& frame : capture.info.frames) provenance.inputs.emplace_back(name + "/" + frame.file, frame.sha256);
     width_px = capture.info.width_px;
     height_px = capture.info.height_px;
-    auto observation = calib::observe_board(capture, board, name, &linearisation);
-    Value pose = Value::object().set("name", name).set("used", observation.has_value());
-    if (observation) {
-      observations.push_back(std::move(*observation));
-    } else {
-      pose.set("reason", observation.error().sentence);
-    }
-    poses.append(pose);
+    behind.run([&, name, capture = std::move(capture)] {
+      auto observation = calib::observe_board(capture, board, name, &linearisation);
+      Value pose = Value::object().set("name", name).set("used", observation.has_value());
+      if (observation) {
+        observations.push_back(std::move(*observation));
+      } else {
+        pose.set("reason", observation.error().sentence);
+      }
+      poses.append(pose);
+    });
     progress.done(Weights::pose);
   }
+  behind.finish();
   instrument.check_stop();
   progress.start("calibrating, solving for camera and projector");
   calib::CalibrationOptions options;

@@ -1,5 +1,6 @@
 // Step 2 of a commissioning: the phase-linearisation table, from stacks of the flat board on the aligned instrument.
 #include "calib/linearise.h"
+#include "cli/behind.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 #include "core/fields.h"
@@ -22,14 +23,17 @@ void linearise_step(const CommissionSession& session, CommissionScanner& instrum
   }
   const Stopwatch watch;
   calib::LinearisationFit fit(CodeAxis::x);
+  Behind behind;
   for (int i = 0; i < kFlatStacks; ++i) {
     const std::string name = fmt::format("linearisation/stack-{}", i);
     progress.start(fmt::format("linearising the phase, flat stack {} of {}", i + 1, kFlatStacks));
-    const Capture capture = instrument.capture(name, "alignment");
-    const auto added = fit.add(capture, name, sha256_of_file(session.path(name) / "capture.json"));
-    if (!added) throw InputError(fmt::format("{}: {}", session.folder().string(), added.error().sentence));
+    behind.run([&, name, capture = instrument.capture(name, "alignment")] {
+      const auto added = fit.add(capture, name, sha256_of_file(session.path(name) / "capture.json"));
+      if (!added) throw InputError(fmt::format("{}: {}", session.folder().string(), added.error().sentence));
+    });
     progress.done(Weights::flat);
   }
+  behind.finish();
   const auto table = fit.table();
   double largest = 0;
   for (const auto& z : table.ripple_rad) largest = std::max(largest, std::abs(z));

@@ -1,6 +1,7 @@
 // Step 4 of a commissioning: the paper's section 4. Plane, three spheres, cylinder, each ten times, through the full
 // model, the paper's eqs. 1 to 20, and its ideal eqs. 1 to 17, both with the parameters fitted to the same scanner.
 #include "calib/decode/corrections.h"
+#include "cli/behind.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -9,6 +10,7 @@
 
 #include <fmt/format.h>
 
+#include <optional>
 #include <system_error>
 
 namespace fringecal::cli {
@@ -58,9 +60,66 @@ std::vector<VerificationScene> verification_scenes() {
           {"cylinder", {{"cylinder", ArtefactKind::cylinder, 119.85}}}};
 }
 
+namespace {
+
+/// One stack through the three models; the deviation maps of the first repeat as files.
+class Evaluation {
+ public:
+  Evaluation(const CommissionSession& session, const model::Scanner& scanner)
+      : session_(session), scanner_(scanner), reconstruct_(scanner) {}
+
+  void operator()(const Capture& capture, const VerificationScene& scene, int repeat) {
+    const std::string name = fmt::format("verification/{}-{:02}", scene.name, repeat);
+    const auto measured = decode::decode_for_measuring(capture, scanner_.projector.main_axis(),
+                                                       scanner_.linearisation ? &*scanner_.linearisation : nullptr,
+                                                       corrections_of(session_.choices()));
+    Value models = Value::object(), u_calibration = Value::object();
+    for (const auto& [model, word] : {std::pair(metrology::ReconstructionModel::full, "full"),
+                                      std::pair(metrology::ReconstructionModel::chen2008, "chen2008"),
+                                      std::pair(metrology::ReconstructionModel::ideal, "ideal")}) {
+      const bool full = model == metrology::ReconstructionModel::full;
+      points_ = reconstruct_(measured.map, {.model = model, .normals = false}, std::move(points_));
+      const auto found = metrology::measure_artefacts(points_.cloud, scanner_, scene.artefacts);
+      if (!found) throw InputError(fmt::format("{} ({} model): {}", name, word, found.error().sentence));
+      Value list = Value::array();
+      for (const auto& m : *found) {
+        list.append(to_value(m));
+        if (!full || repeat > 0) continue;
+        write_atomically(session_.path(fmt::format("{}-{}-deviation.tiff", name, m.name)), encode_tiff(m.deviation_mm));
+        if (!m.diameter_mm) continue;
+        const auto u = metrology::u_diameter_from_calibration(m, scanner_);
+        if (!u) throw InputError(fmt::format("{}: {}: {}", name, m.name, u.error().sentence));
+        u_calibration.set(m.name, *u);
+      }
+      models.set(word, list);
+    }
+    const double now_s = watch_.seconds();
+    session_.store(name + ".json", Value::object()
+                                       .set("models", models)
+                                       .set("u_calibration_mm", u_calibration)
+                                       .set("corrections", corrections_value(measured))
+                                       .set("duration_s", now_s - last_s_));
+    last_s_ = now_s;
+    // The frames of the first repeat stay beside the results.
+    if (repeat > 0) remove_capture(session_.path(name));
+  }
+
+ private:
+  const CommissionSession& session_;
+  const model::Scanner& scanner_;
+  metrology::Reconstructor reconstruct_;
+  metrology::Reconstruction points_;
+  const Stopwatch watch_;
+  double last_s_ = 0;  // durations add up although capture and evaluation overlap
+};
+
+}  // namespace
+
 void verify_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
   const auto scanner = model::read_scanner(session.path("scanner.json"));
   const auto scenes = verification_scenes();
+  std::optional<Evaluation> evaluation;
+  Behind behind;
   for (const auto& scene : scenes) {
     for (int repeat = 0; repeat < session.choices().repeats; ++repeat) {
       const std::string name = fmt::format("verification/{}-{:02}", scene.name, repeat);
@@ -69,42 +128,15 @@ void verify_step(const CommissionSession& session, CommissionScanner& instrument
         progress.done(Weights::repeat, true);
         continue;
       }
+      if (!evaluation) evaluation.emplace(session, scanner);
       progress.start(fmt::format("verifying, {} {} of {}", scene.name, repeat + 1, session.choices().repeats));
-      const Stopwatch watch;
-      const Capture capture = instrument.capture(name, fmt::format("{} {}", scene.name, repeat));
-      const auto measured = decode::decode_for_measuring(capture, scanner.projector.main_axis(),
-                                                         scanner.linearisation ? &*scanner.linearisation : nullptr,
-                                                         corrections_of(session.choices()));
-      Value models = Value::object(), u_calibration = Value::object();
-      for (const auto& [model, word] : {std::pair(metrology::ReconstructionModel::full, "full"),
-                                        std::pair(metrology::ReconstructionModel::chen2008, "chen2008"),
-                                        std::pair(metrology::ReconstructionModel::ideal, "ideal")}) {
-        const bool full = model == metrology::ReconstructionModel::full;
-        const auto cloud = metrology::reconstruct(measured.map, scanner, {.model = model, .normals = false}).cloud;
-        const auto found = metrology::measure_artefacts(cloud, scanner, scene.artefacts);
-        if (!found) throw InputError(fmt::format("{} ({} model): {}", name, word, found.error().sentence));
-        Value list = Value::array();
-        for (const auto& m : *found) {
-          list.append(to_value(m));
-          if (!full || repeat > 0) continue;
-          write_atomically(session.path(fmt::format("{}-{}-deviation.tiff", name, m.name)),
-                           encode_tiff(m.deviation_mm));
-          if (!m.diameter_mm) continue;
-          const auto u = metrology::u_diameter_from_calibration(m, scanner);
-          if (!u) throw InputError(fmt::format("{}: {}: {}", name, m.name, u.error().sentence));
-          u_calibration.set(m.name, *u);
-        }
-        models.set(word, list);
-      }
-      session.store(name + ".json", Value::object()
-                                        .set("models", models)
-                                        .set("u_calibration_mm", u_calibration)
-                                        .set("corrections", corrections_value(measured))
-                                        .set("duration_s", watch.seconds()));
-      // The frames of the first repeat stay beside the results.
-      if (repeat > 0) remove_capture(session.path(name));
+      behind.run(
+          [&evaluation, &scene, repeat, capture = instrument.capture(name, fmt::format("{} {}", scene.name, repeat))] {
+            (*evaluation)(capture, scene, repeat);
+          });
       progress.done(Weights::repeat);
     }
+    behind.finish();
     progress.finish_step(fmt::format("{} measured {} times", scene.name, session.choices().repeats));
   }
 }

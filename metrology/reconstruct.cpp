@@ -2,6 +2,7 @@
 
 #include "calib/model/chen2008.h"
 #include "calib/model/triangulate.h"
+#include "calib/model/triangulate_span.h"
 #include "core/error.h"
 #include "core/parallel.h"
 
@@ -9,6 +10,7 @@
 #include <Eigen/Dense>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
 
@@ -55,53 +57,81 @@ struct Field {
   Image<Fate> fate;
 };
 
-Field triangulate_all(const decode::PhaseMap& map, const model::Scanner& scanner, ReconstructionModel kind) {
-  const int width = map.width(), height = map.height();
-  Field field{Image<Eigen::Vector3d>(width, height, Eigen::Vector3d::Zero()), Image<float>(width, height),
-              Image<Fate>(width, height, Fate::invalid)};
-  const bool closed_form = kind != ReconstructionModel::full;
-  if (closed_form && map.axis != scanner.projector.main_axis()) {
+}  // namespace
+
+struct Reconstructor::Tables {
+  model::Scanner scanner;
+  model::RayTable rays;
+  std::optional<Image<double>> phi_ref;
+  Field field;
+
+  void triangulate_all(const decode::PhaseMap& map);
+  void use_closed_form(const decode::PhaseMap& map, ReconstructionModel kind);
+};
+
+void Reconstructor::Tables::triangulate_all(const decode::PhaseMap& map) {
+  model::SpanTask task = model::span_task(scanner.projector, scanner.proj_from_cam, map.axis);
+  task.ray_x = rays.x.data();
+  task.ray_y = rays.y.data();
+  task.phase_rad = map.phase_rad.data();
+  task.points_mm = field.point_in_cam.data();
+  const double mm_per_rad = map.code.period / (2.0 * std::numbers::pi);
+  parallel_for(map.height(), [&](int y) {
+    const std::size_t first = map.validity.index(0, y), width = static_cast<std::size_t>(map.width());
+    std::vector<double> slopes(width);
+    model::SpanTask row = task;
+    row.du_per_mm = slopes.data() - first;
+    model::triangulate_span(row, first, width);
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::size_t i = first + x;
+      Fate& fate = field.fate.values()[i];
+      fate = map.validity.values()[i] == 0 ? Fate::no_intersection : Fate::invalid;
+      if (fate == Fate::invalid) continue;
+      Eigen::Vector3d& point = field.point_in_cam.values()[i];
+      double slope = slopes[x];
+      if (!(slope > 0)) {  // rare: in its own way, or nowhere
+        const Eigen::Vector3d ray(rays.x.values()[i], rays.y.values()[i], 1.0);
+        const auto met = model::triangulate_ray(scanner.projector, scanner.proj_from_cam, map.axis, ray,
+                                                map.code.u_from_phase(map.phase_rad.values()[i]));
+        const auto its_slope =
+            met ? model::du_per_mm(scanner.projector, scanner.proj_from_cam, map.axis, *met, ray) : std::nullopt;
+        if (!its_slope) continue;
+        point = *met;
+        slope = *its_slope;
+      }
+      field.u_along_ray_mm.values()[i] = static_cast<float>(mm_per_rad * map.u_phase_rad.values()[i] / slope);  // (1)
+      fate = Fate::point;
+    }
+  });
+}
+
+void Reconstructor::Tables::use_closed_form(const decode::PhaseMap& map, ReconstructionModel kind) {
+  if (map.axis != scanner.projector.main_axis()) {
     throw InputError("the closed form measures along the scanner's main code axis only; use the full model");
   }
-  const model::Chen2008Model paper = closed_form ? closed_form_of(scanner, kind) : model::Chen2008Model{};
-  const Image<double> phi_ref = closed_form ? model::reference_phase(scanner) : Image<double>();
+  const model::Chen2008Model paper = closed_form_of(scanner, kind);
+  if (!phi_ref) phi_ref = model::reference_phase(scanner);
   const Rigid3 cam_from_world = scanner.world_from_cam().inverse();
   const double mm_per_rad = map.code.period / (2.0 * std::numbers::pi);
-
-  parallel_for(height, [&](int y) {
-    for (int x = 0; x < width; ++x) {
-      if (!map.valid(x, y)) continue;
-      field.fate(x, y) = Fate::no_intersection;
-      const Eigen::Vector2d pixel(x, y);
-      const auto ray = scanner.camera.ray(pixel);
-      if (!ray) continue;
-      Eigen::Vector3d point = Eigen::Vector3d::Zero();
-      if (!closed_form) {
-        const auto met =
-            model::triangulate_ray(scanner.projector, scanner.proj_from_cam, map.axis, *ray, map.u_at(x, y));
-        if (!met) continue;
-        point = *met;
-      } else {
-        if (!std::isfinite(phi_ref(x, y))) continue;
-        const bool distorted = kind == ReconstructionModel::chen2008;
-        const auto in_world = paper.point_mm(pixel, map.phase_rad(x, y), phi_ref(x, y), distorted);
-        if (!in_world) continue;
-        point = cam_from_world * *in_world;
-      }
-      // Eq. 1 by a central difference of 0.02 mm: its error, the third derivative, is below 1e-9 of du/dl.
-      const Eigen::Vector3d direction = scanner.proj_from_cam.rotation * ray->normalized();
-      const Eigen::Vector3d in_proj = scanner.proj_from_cam * point;
-      const auto ahead = scanner.projector.project(map.axis, in_proj + 0.01 * direction);
-      const auto behind = scanner.projector.project(map.axis, in_proj - 0.01 * direction);
-      const double slope = ahead && behind ? std::abs(*ahead - *behind) / 0.02 : 0.0;
-      if (!(slope > 0)) continue;
+  const bool distorted = kind == ReconstructionModel::chen2008;
+  parallel_for(map.height(), [&](int y) {
+    for (int x = 0; x < map.width(); ++x) {
+      field.fate(x, y) = map.valid(x, y) ? Fate::no_intersection : Fate::invalid;
+      if (!map.valid(x, y) || !std::isfinite((*phi_ref)(x, y))) continue;
+      const auto in_world = paper.point_mm(Eigen::Vector2d(x, y), map.phase_rad(x, y), (*phi_ref)(x, y), distorted);
+      if (!in_world) continue;
+      const Eigen::Vector3d point = cam_from_world * *in_world;
+      const auto slope = model::du_per_mm(scanner.projector, scanner.proj_from_cam, map.axis, point,
+                                          Eigen::Vector3d(rays.x(x, y), rays.y(x, y), 1.0));
+      if (!slope) continue;
       field.point_in_cam(x, y) = point;
-      field.u_along_ray_mm(x, y) = static_cast<float>(mm_per_rad * map.u_phase_rad(x, y) / slope);
+      field.u_along_ray_mm(x, y) = static_cast<float>(mm_per_rad * map.u_phase_rad(x, y) / *slope);
       field.fate(x, y) = Fate::point;
     }
   });
-  return field;
 }
+
+namespace {
 
 /// Whether two measured pixels, `distance_px` apart, lie on one surface.
 class Continuity {
@@ -148,17 +178,21 @@ Image<std::uint8_t> widened(const Image<std::uint8_t>& marks, int reach) {
 void leave_out_edges(Field& field, const Continuity& continuous, int margin) {
   if (margin <= 0) return;
   const int width = field.fate.width(), height = field.fate.height();
-  Image<std::uint8_t> missing(width, height), jump(width, height);
+  // Bit 0: a jump to the pixel on the right, bit 1: to the one below; each pair of neighbours is looked at once.
+  Image<std::uint8_t> missing(width, height), jumps(width, height), jump(width, height);
+  const auto is_point = [&](int x, int y) { return field.fate(x, y) == Fate::point; };
   parallel_for(height, [&](int y) {
     for (int x = 0; x < width; ++x) {
-      missing(x, y) = field.fate(x, y) != Fate::point;
+      missing(x, y) = !is_point(x, y);
       if (missing(x, y)) continue;
-      constexpr int kSteps[4][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}};
-      for (const auto& step : kSteps) {
-        const int i = x + step[0], j = y + step[1];
-        if (!field.fate.contains(i, j) || field.fate(i, j) != Fate::point) continue;
-        if (!continuous(x, y, i, j, 1.0)) jump(x, y) = 1;
-      }
+      const bool right = x + 1 < width && is_point(x + 1, y) && !continuous(x, y, x + 1, y, 1.0);
+      const bool below = y + 1 < height && is_point(x, y + 1) && !continuous(x, y, x, y + 1, 1.0);
+      jumps(x, y) = static_cast<std::uint8_t>(right | (below << 1));
+    }
+  });
+  parallel_for(height, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      jump(x, y) = jumps(x, y) || (x > 0 && (jumps(x - 1, y) & 1)) || (y > 0 && (jumps(x, y - 1) & 2));
     }
   });
   const auto near_missing = widened(missing, margin);
@@ -205,46 +239,73 @@ Eigen::Vector3d normal_at(const Field& field, const Continuity& continuous, int 
 
 }  // namespace
 
-Reconstruction reconstruct(const decode::PhaseMap& map, const model::Scanner& scanner,
-                           const ReconstructOptions& options) {
+Reconstructor::Reconstructor(const model::Scanner& scanner)
+    : tables_(std::make_unique<Tables>(Tables{scanner, model::ray_table(scanner.camera), std::nullopt, {}})) {}
+Reconstructor::~Reconstructor() = default;
+
+Reconstruction Reconstructor::operator()(const decode::PhaseMap& map, const ReconstructOptions& options,
+                                         Reconstruction earlier) {
+  const model::Scanner& scanner = tables_->scanner;
   check_they_belong_together(map, scanner);
-  Field field = triangulate_all(map, scanner, options.model);
+  Field& field = tables_->field;
+  const int width = map.width(), height = map.height();
+  if (field.fate.width() != width || field.fate.height() != height) {
+    field = {Image<Eigen::Vector3d>(width, height, Eigen::Vector3d::Zero()), Image<float>(width, height),
+             Image<Fate>(width, height)};
+  }
+  if (options.model == ReconstructionModel::full) {
+    tables_->triangulate_all(map);
+  } else {
+    tables_->use_closed_form(map, options.model);
+  }
   const Continuity continuous(field, scanner.camera);
   leave_out_edges(field, continuous, options.edge_margin_px);
 
   const Rigid3 world_from_cam = scanner.world_from_cam();
   const Eigen::Matrix3d rotation = world_from_cam.rotation_matrix();
-  std::vector<std::vector<CloudPoint>> rows(static_cast<std::size_t>(map.height()));
-  std::vector<std::array<std::size_t, 5>> counts(rows.size());
-  parallel_for(map.height(), [&](int y) {
-    counts[y] = {};
-    for (int x = 0; x < map.width(); ++x) {
-      Fate fate = field.fate(x, y);
-      // Written so that a NaN is refused.
-      if (fate == Fate::point && !(field.u_along_ray_mm(x, y) <= options.max_u_along_ray_mm)) fate = Fate::noisy;
-      ++counts[y][static_cast<std::size_t>(fate)];
-      if (fate != Fate::point) continue;
-      CloudPoint& point = rows[y].emplace_back();
+  using Counts = std::array<std::size_t, 5>;
+  std::vector<Counts> counts(static_cast<std::size_t>(height), Counts{});
+  parallel_for(height, [&](int y) {
+    for (int x = 0; x < width; ++x) {
+      const Fate fate = field.fate(x, y);
+      // Written so that a NaN is refused. Normals are of all points, noisy ones too: their fate stays.
+      const bool noisy = fate == Fate::point && !(field.u_along_ray_mm(x, y) <= options.max_u_along_ray_mm);
+      ++counts[static_cast<std::size_t>(y)][static_cast<std::size_t>(noisy ? Fate::noisy : fate)];
+    }
+  });
+  Reconstruction out = std::move(earlier);
+  Counts sums{};
+  std::vector<std::size_t> starts;
+  for (const Counts& row : counts) {
+    starts.push_back(sums[static_cast<std::size_t>(Fate::point)]);
+    for (std::size_t k = 0; k < sums.size(); ++k) sums[k] += row[k];
+  }
+  out.n_invalid = sums[static_cast<std::size_t>(Fate::invalid)];
+  out.n_no_intersection = sums[static_cast<std::size_t>(Fate::no_intersection)];
+  out.n_edge = sums[static_cast<std::size_t>(Fate::edge)];
+  out.n_noisy = sums[static_cast<std::size_t>(Fate::noisy)];
+  out.cloud.points.resize(sums[static_cast<std::size_t>(Fate::point)]);
+  parallel_for(height, [&](int y) {
+    CloudPoint* to = out.cloud.points.data() + starts[static_cast<std::size_t>(y)];
+    for (int x = 0; x < width; ++x) {
+      if (field.fate(x, y) != Fate::point || !(field.u_along_ray_mm(x, y) <= options.max_u_along_ray_mm)) continue;
+      CloudPoint& point = *to++;
       point.position_mm = rotation * field.point_in_cam(x, y) + world_from_cam.translation_mm;
-      if (options.normals) point.normal = rotation * normal_at(field, continuous, x, y);
+      point.normal = options.normals ? Eigen::Vector3d(rotation * normal_at(field, continuous, x, y))
+                                     : Eigen::Vector3d(Eigen::Vector3d::Zero());
       point.u_along_ray_mm = field.u_along_ray_mm(x, y);
       point.modulation = map.modulation(x, y);
       point.pixel_x = static_cast<std::uint16_t>(x);
       point.pixel_y = static_cast<std::uint16_t>(y);
     }
   });
-  Reconstruction out;
-  std::size_t total = 0;
-  for (const auto& row : rows) total += row.size();
-  out.cloud.points.reserve(total);
-  for (std::size_t y = 0; y < rows.size(); ++y) {
-    out.cloud.points.insert(out.cloud.points.end(), rows[y].begin(), rows[y].end());
-    out.n_invalid += counts[y][static_cast<std::size_t>(Fate::invalid)];
-    out.n_no_intersection += counts[y][static_cast<std::size_t>(Fate::no_intersection)];
-    out.n_edge += counts[y][static_cast<std::size_t>(Fate::edge)];
-    out.n_noisy += counts[y][static_cast<std::size_t>(Fate::noisy)];
-  }
   return out;
+}
+
+Reconstruction reconstruct(const decode::PhaseMap& map, const model::Scanner& scanner,
+                           const ReconstructOptions& options) {
+  check_they_belong_together(map, scanner);
+  return Reconstructor(scanner)(map, options);
 }
 
 }  // namespace fringecal::metrology

@@ -1,7 +1,8 @@
 // From a phase map and a Scanner file to points: the full ray model, and the paper's closed form beside it.
 //
 // full      The camera pixel gives a ray x(l) = l r in cam (camera.h); the phase gives u (pattern_plan.h); the point is
-//           where the projector model (projector.h, eq. 1) says u: calib/model/triangulate.h. Nothing is approximated.
+//           where the projector model (projector.h, eq. 1) says u: calib/model/triangulate.h, of many pixels at once by
+//           triangulate_span.h over a table with the ray of every pixel. Nothing is approximated or interpolated.
 //             u(l) = |du/dl|^-1 (p / 2 pi) u(phi),  l in mm along the ray                                         (1)
 // chen2008  Eqs. 1 to 17 of the paper with eqs. 18 to 20 for both lenses (calib/model/chen2008.h).
 // ideal     Eqs. 1 to 17 alone: no lens distortion. For comparison only; (1) is that of the full model in both.
@@ -22,6 +23,8 @@
 #include "calib/model/scanner.h"
 #include "metrology/point_cloud.h"
 
+#include <memory>
+
 namespace fringecal::metrology {
 
 enum class ReconstructionModel { full, chen2008, ideal };
@@ -38,6 +41,22 @@ struct Reconstruction {
   std::size_t n_invalid = 0, n_noisy = 0, n_edge = 0, n_no_intersection = 0;  // left out, by name
 };
 
+/// What stays the same from map to map of one scanner: the rays of its pixels and, once asked for, the phase of its
+/// reference plane; and memory that is used again. For one caller at a time.
+class Reconstructor {
+ public:
+  explicit Reconstructor(const model::Scanner& scanner);
+  ~Reconstructor();
+  /// earlier: a reconstruction whose memory is taken.
+  Reconstruction operator()(const decode::PhaseMap& map, const ReconstructOptions& options = {},
+                            Reconstruction earlier = {});
+
+ private:
+  struct Tables;
+  std::unique_ptr<Tables> tables_;
+};
+
+/// The same for a single map.
 Reconstruction reconstruct(const decode::PhaseMap& map, const model::Scanner& scanner,
                            const ReconstructOptions& options = {});
 

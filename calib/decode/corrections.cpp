@@ -1,5 +1,6 @@
 #include "calib/decode/corrections.h"
 
+#include "calib/decode/phase.h"
 #include "core/parallel.h"
 
 #include <fmt/format.h>
@@ -9,12 +10,10 @@
 namespace fringecal::decode {
 namespace {
 
-constexpr double kTwoPi = 2.0 * std::numbers::pi;
-
 /// The wrapped phase becomes `to`, the absolute one moves by as much.
 void move_phase(PhaseMap& map, std::size_t i, double to) {
-  const double by = std::remainder(to - map.wrapped_rad.values()[i], kTwoPi);
-  map.wrapped_rad.values()[i] = static_cast<float>(std::remainder(to, kTwoPi));
+  const double by = wrapped_angle(to - map.wrapped_rad.values()[i]);
+  map.wrapped_rad.values()[i] = static_cast<float>(wrapped_angle(to));
   if (map.validity.values()[i] == 0) map.phase_rad.values()[i] = static_cast<float>(map.phase_rad.values()[i] + by);
 }
 
@@ -41,7 +40,7 @@ void undo_ellipse(PhaseMap& map, const model::StepEllipse& ellipse) {
     for (int x = 0; x < map.width(); ++x) {
       const std::size_t i = map.validity.index(x, y);
       const auto w = ellipse.undone(std::polar(1.0, static_cast<double>(map.wrapped_rad.values()[i])));
-      map.modulation.values()[i] = static_cast<float>(map.modulation.values()[i] * std::abs(w));
+      map.modulation.values()[i] = static_cast<float>(map.modulation.values()[i] * std::sqrt(std::norm(w)));
       move_phase(map, i, std::arg(w));
     }
   });

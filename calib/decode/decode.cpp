@@ -1,5 +1,6 @@
 #include "calib/decode/decode.h"
 
+#include "calib/decode/four_step.h"
 #include "calib/decode/gray.h"
 #include "calib/decode/noise.h"
 #include "calib/decode/phase.h"
@@ -13,45 +14,32 @@ namespace {
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-/// Limits that are the same for all pixels.
-struct Limits {
-  float saturation = 0;
-  float modulation = 0;
+/// Limits and noise, the same for all pixels of a capture, in grey levels.
+struct Levels {
+  float saturation = 0, least_modulation = 0;
   // B of pure noise is Rayleigh-distributed with the parameter sigma sqrt(2 / N); 3.7 of these are exceeded once in a
   // thousand. White minus black of no light has the deviation sqrt(2) sigma; 3.1 of these likewise.
   float shadow_modulation_per_sigma = 0;
   float shadow_difference_per_sigma = 3.1f * std::numbers::sqrt2_v<float>;
-};
+  float read_variance = 0, gain = 0, u_per_sigma_over_b = 0;
 
-/// sigma of eq. 4 by grey level, tabulated: a square root per level instead of one per pixel.
-class SigmaTable {
- public:
-  SigmaTable(const NoiseModel& noise, int saturation)
-      : per_level_(std::min(1.0f, 1023.0f / static_cast<float>(saturation))) {
-    for (int i = 0; i < 1026; ++i)
-      values_.push_back(static_cast<float>(noise.sigma(i / static_cast<double>(per_level_))));
+  Levels(const Capture& capture, const AxisFrames& frames, const DecodeOptions& options, const NoiseModel& noise)
+      : saturation(static_cast<float>(capture.saturation_level())),
+        least_modulation(static_cast<float>(options.min_modulation_8bit * (capture.saturation_level() + 1) / 256.0)),
+        read_variance(static_cast<float>(noise.read_variance)),
+        gain(static_cast<float>(noise.gain)) {
+    const double steps = static_cast<double>(std::max<std::size_t>(1, frames.phase.size()));
+    shadow_modulation_per_sigma = static_cast<float>(3.7 * std::sqrt(2.0 / steps));
+    u_per_sigma_over_b = static_cast<float>(std::sqrt(2.0 / steps));
   }
-  float at(float level) const {
-    const float place = level * per_level_;
-    const auto i = static_cast<std::size_t>(place);
-    const float part = place - static_cast<float>(i);
-    return values_[i] + part * (values_[i + 1] - values_[i]);
-  }
-
- private:
-  float per_level_;
-  std::vector<float> values_;
+  /// NoiseModel::sigma in single precision.
+  float sigma(float level) const { return std::sqrt(std::max(1.0f / 12.0f, read_variance + gain * level)); }
 };
 
 class Decoder {
  public:
-  Decoder(const Capture& capture, const AxisFrames& frames, const DecodeOptions& options, PhaseMap& map)
-      : capture_(capture), frames_(frames), map_(map), sigma_(map.noise, capture.saturation_level()) {
-    const double steps = static_cast<double>(std::max<std::size_t>(1, frames.phase.size()));
-    limits_.saturation = static_cast<float>(capture.saturation_level());
-    limits_.modulation = static_cast<float>(options.min_modulation_8bit * (capture.saturation_level() + 1) / 256.0);
-    limits_.shadow_modulation_per_sigma = static_cast<float>(3.7 * std::sqrt(2.0 / steps));
-    u_per_sigma_over_b_ = static_cast<float>(std::sqrt(2.0 / steps));
+  Decoder(const Capture& capture, const AxisFrames& frames, const Levels& levels, PhaseMap& map)
+      : capture_(capture), frames_(frames), map_(map), levels_(levels) {
     if (!frames.phase.empty()) steps_.emplace(static_cast<int>(frames.phase.size()));
     periods_ = frames.code.stripes() / frames.code.stripes_per_period;
   }
@@ -111,8 +99,8 @@ class Decoder {
   }
 
   bool without_light(float white, float black, float modulation, float sigma) const {
-    return frames_.has_white_and_black() ? !(white - black > limits_.shadow_difference_per_sigma * sigma)
-                                         : !(modulation > limits_.shadow_modulation_per_sigma * sigma);
+    return frames_.has_white_and_black() ? !(white - black > levels_.shadow_difference_per_sigma * sigma)
+                                         : !(modulation > levels_.shadow_modulation_per_sigma * sigma);
   }
 
   void finish_with_phase(int y, const Buffers& b) const {
@@ -123,14 +111,14 @@ class Decoder {
     constexpr float kTurn = 2 * std::numbers::pi_v<float>;
     for (std::size_t x = 0; x < b.bits.width; ++x) {
       const float wrapped = b.phase.wrapped[x], modulation = b.phase.modulation[x], mean = b.phase.mean[x];
-      const float sigma = sigma_.at(mean);
+      const float sigma = levels_.sigma(mean);
       Validity validity = Validity::valid;
       FringeNumber fringe;
-      if (b.phase.brightest[x] >= limits_.saturation) {
+      if (b.phase.brightest[x] >= levels_.saturation) {
         validity = Validity::saturated;
       } else if (without_light(b.white[x], b.black[x], modulation, sigma)) {
         validity = Validity::shadow;
-      } else if (!(modulation >= limits_.modulation)) {
+      } else if (!(modulation >= levels_.least_modulation)) {
         validity = Validity::low_modulation;
       } else if (bits > 0) {
         const std::int32_t stripe = b.bits.stripe[x];
@@ -139,7 +127,8 @@ class Decoder {
         } else if (per_period == 2) {
           fringe = fringe_of_half_stripe(stripe, wrapped, periods_);
         } else {
-          fringe = fringe_of_whole_stripe(b.bits, x, bits, {wrapped, u_per_sigma_over_b_ * sigma / modulation, sigma});
+          fringe = fringe_of_whole_stripe(b.bits, x, bits,
+                                          {wrapped, levels_.u_per_sigma_over_b * sigma / modulation, sigma});
         }
         if (redundant && undecided_far_from_edges(b.bits, x, bits, sigma)) fringe.consistent = false;
         if (!fringe.consistent) validity = Validity::inconsistent_code;
@@ -150,8 +139,8 @@ class Decoder {
       map_.wrapped_rad.values()[i] = wrapped;
       map_.modulation.values()[i] = modulation;
       map_.mean.values()[i] = mean;
-      map_.phase_rad.values()[i] = valid ? kTurn * static_cast<float>(fringe.m) + wrapped : kNan;  // (3)
-      map_.u_phase_rad.values()[i] = valid ? u_per_sigma_over_b_ * sigma / modulation : kNan;      // (4)
+      map_.phase_rad.values()[i] = valid ? kTurn * static_cast<float>(fringe.m) + wrapped : kNan;     // (3)
+      map_.u_phase_rad.values()[i] = valid ? levels_.u_per_sigma_over_b * sigma / modulation : kNan;  // (4)
     }
   }
 
@@ -170,13 +159,13 @@ class Decoder {
         mean = modulation;
       }
       modulation = std::max(0.0f, modulation);
-      const float sigma = sigma_.at(mean);
+      const float sigma = levels_.sigma(mean);
       Validity validity = Validity::valid;
-      if (frames_.has_white_and_black() && b.white[x] >= limits_.saturation) {
+      if (frames_.has_white_and_black() && b.white[x] >= levels_.saturation) {
         validity = Validity::saturated;
       } else if (without_light(b.white[x], b.black[x], modulation, sigma)) {
         validity = Validity::shadow;
-      } else if (!(modulation >= limits_.modulation)) {
+      } else if (!(modulation >= levels_.least_modulation)) {
         validity = Validity::low_modulation;
       } else if (redundant && undecided_far_from_edges(b.bits, x, static_cast<int>(bits), sigma)) {
         validity = Validity::inconsistent_code;
@@ -195,12 +184,56 @@ class Decoder {
   const Capture& capture_;
   const AxisFrames& frames_;
   PhaseMap& map_;
-  SigmaTable sigma_;
-  Limits limits_;
-  float u_per_sigma_over_b_ = 0;
+  const Levels& levels_;
   std::optional<PhaseSteps> steps_;
   std::int32_t periods_ = 0;
 };
+
+/// The capture as the pass of four_step.h takes it; empty where it does not fit.
+std::optional<FourStepTask> four_step_task(const Capture& capture, const AxisFrames& frames, const Levels& levels,
+                                           PhaseMap& map) {
+  FourStepTask task;
+  const std::size_t bits = frames.gray.size();
+  if (frames.phase.size() != 4 || bits == 0 || bits > FourStepTask::kMostBits || frames.has_white_and_black())
+    return {};
+  const std::size_t depth = capture.frames[frames.phase[0]].index();
+  const auto place = [&](std::size_t frame, const void*& to) {
+    const GrayImage& image = capture.frames[frame];
+    to = std::visit([](const auto& i) { return static_cast<const void*>(i.data()); }, image);
+    return image.index() == depth;
+  };
+  for (std::size_t k = 0; k < 4; ++k) {
+    if (!place(frames.phase[k], task.phase[k])) return {};
+  }
+  for (std::size_t b = 0; b < bits; ++b) {
+    if (frames.reference_of(b) != BitReference::phase_mean || !place(frames.gray[b], task.gray[b])) return {};
+  }
+  task.wide = std::holds_alternative<Image16>(capture.frames[frames.phase[0]]);
+  task.bits = static_cast<int>(bits);
+  task.stripes_per_period = frames.code.stripes_per_period;
+  task.rule = map.edges == EdgeRule::plain          ? OrderRule::plain
+              : frames.code.stripes_per_period == 2 ? OrderRule::half_stripe
+                                                    : OrderRule::whole_stripe;
+  task.read_variance = levels.read_variance;
+  task.gain = levels.gain;
+  task.saturation = levels.saturation;
+  task.min_modulation = levels.least_modulation;
+  task.shadow_modulation_per_sigma = levels.shadow_modulation_per_sigma;
+  const auto wanted = [](Image<float>& image) { return image.empty() ? nullptr : image.data(); };
+  task.phase_rad = map.phase_rad.data();
+  task.validity = map.validity.data();
+  task.wrapped_rad = wanted(map.wrapped_rad);
+  task.modulation = wanted(map.modulation);
+  task.mean = wanted(map.mean);
+  task.u_phase_rad = wanted(map.u_phase_rad);
+  return task;
+}
+
+/// An image of that size, in the memory of `image` where it has it.
+template <class T>
+void reshape(Image<T>& image, int width, int height) {
+  if (image.width() != width || image.height() != height) image = Image<T>(width, height);
+}
 
 }  // namespace
 
@@ -248,10 +281,10 @@ DecodeSummary summary_of(const PhaseMap& map) {
   return out;
 }
 
-PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions& options) {
+PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions& options, PhaseMap reused) {
   const AxisFrames frames = frames_of(capture, axis);
   const int width = capture.info.width_px, height = capture.info.height_px;
-  PhaseMap map;
+  PhaseMap map = std::move(reused);
   map.axis = axis;
   map.code = frames.code;
   map.edges = options.edges;
@@ -261,18 +294,34 @@ PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions
   } else {
     map.noise = estimate_noise(capture, frames);
   }
-  map.phase_rad = Image<float>(width, height);
-  if (!frames.phase.empty()) map.wrapped_rad = Image<float>(width, height);
-  map.modulation = Image<float>(width, height);
-  map.mean = Image<float>(width, height);
-  map.u_phase_rad = Image<float>(width, height);
-  map.validity = Image<std::uint8_t>(width, height);
-  const Decoder decoder(capture, frames, options, map);
+  const Levels levels(capture, frames, options, map.noise);
+  const auto shape = [&](Image<float>& image, bool wanted) { reshape(image, wanted ? width : 0, wanted ? height : 0); };
+  reshape(map.validity, width, height);
+  shape(map.phase_rad, true);
+  const auto shape_optional = [&](Detail detail) {
+    shape(map.wrapped_rad, detail == Detail::all && !frames.phase.empty());
+    shape(map.modulation, detail != Detail::phase);
+    shape(map.mean, detail == Detail::all);
+    shape(map.u_phase_rad, detail != Detail::phase);
+  };
+  shape_optional(options.detail);
+  if (const auto task = four_step_task(capture, frames, levels, map)) {
+    constexpr std::size_t kChunk = 32768;  // pixels per call
+    const std::size_t pixels = map.validity.size();
+    parallel_for(static_cast<int>((pixels + kChunk - 1) / kChunk), [&](int chunk) {
+      const std::size_t first = static_cast<std::size_t>(chunk) * kChunk;
+      decode_four_step(*task, first, std::min(kChunk, pixels - first));
+    });
+    return map;
+  }
+  shape_optional(Detail::all);
+  const Decoder decoder(capture, frames, levels, map);
   constexpr int kBand = 16;  // rows per call: the buffers are made once for them
   parallel_for((height + kBand - 1) / kBand, [&](int band) {
     Decoder::Buffers buffers(static_cast<std::size_t>(width), frames);
     for (int y = band * kBand; y < std::min(height, (band + 1) * kBand); ++y) decoder.decode_row(y, buffers);
   });
+  shape_optional(options.detail);
   return map;
 }
 

@@ -46,6 +46,10 @@ const char* name_of(Validity validity);
 
 enum class EdgeRule { plain, redundant };
 
+/// Which maps are wanted; the others stay empty. phase: phase_rad and validity. measuring: modulation and u_phase_rad
+/// too, what a reconstruction asks for.
+enum class Detail { phase, measuring, all };
+
 struct DecodeOptions {
   EdgeRule edges = EdgeRule::redundant;
   // Below this many grey levels (at 8 bit; scaled with the depth) of B a pixel is not used: at 4 levels and one level
@@ -53,6 +57,7 @@ struct DecodeOptions {
   double min_modulation_8bit = 4.0;
   // Where the capture itself cannot tell the noise, or the user knows better: standard deviation in grey levels.
   std::optional<double> sigma_gray_levels;
+  Detail detail = Detail::all;
 };
 
 /// sigma^2(I) = read_variance + gain I, in grey levels of the capture.
@@ -94,7 +99,10 @@ struct DecodeSummary {
 };
 DecodeSummary summary_of(const PhaseMap& map);
 
-/// Throws InputError where the capture has no code along that axis. Deterministic, whatever the thread count.
-PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions& options = {});
+/// Throws InputError where the capture has no code along that axis. Deterministic, whatever the thread count and the
+/// width of the machine's vectors. reused: an earlier map whose memory is taken; fresh pages cost several times what the
+/// decoding does. Four steps with a Gray code of at most 14 bits against their own mean take the pass of four_step.h;
+/// everything else the general one.
+PhaseMap decode_phase(const Capture& capture, CodeAxis axis, const DecodeOptions& options = {}, PhaseMap reused = {});
 
 }  // namespace fringecal::decode

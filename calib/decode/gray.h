@@ -46,6 +46,7 @@ constexpr float kBelowFull = 0.7f;
 constexpr float kClearly = 5.0f;
 constexpr float kClearlyAtWrap = 2.5f;
 constexpr float kSurelyAtThreshold = 0.15f;
+constexpr float kTurnsPerRadian = 0.5f * std::numbers::inv_pi_v<float>;
 
 /// A row of bits. t is kept bit after bit: t[b * width + x].
 struct BitRow {
@@ -72,7 +73,7 @@ struct FringeNumber {
 
 /// Eqs. 3 and 4. periods: how many the pattern holds.
 inline FringeNumber fringe_of_half_stripe(std::int32_t stripe, float wrapped, std::int32_t periods) {
-  const float q = 0.5f * (static_cast<float>(stripe) + 0.5f) - 0.5f - wrapped / (2 * std::numbers::pi_v<float>);
+  const float q = 0.5f * (static_cast<float>(stripe) + 0.5f) - 0.5f - wrapped * kTurnsPerRadian;
   const float m = std::floor(q + 0.5f);                                                          // (3)
   FringeNumber out{.m = static_cast<std::int32_t>(m), .consistent = std::abs(q - m) <= 0.375f};  // (4)
   if (out.m < 0 || out.m >= periods) out.consistent = false;

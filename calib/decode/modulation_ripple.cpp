@@ -1,5 +1,6 @@
 #include "calib/decode/modulation_ripple.h"
 
+#include "calib/decode/phase.h"
 #include "calib/decode/ripple.h"
 #include "core/parallel.h"
 
@@ -56,7 +57,7 @@ RippleLine line_of(const ModulationMap& map, int number, const model::StepEllips
     const double wrapped = map.wrapped_rad(x, y);
     const auto w = ellipse.undone(std::polar(1.0, wrapped));
     out.usable[i] = 1;
-    out.phase_rad[i] = map.phase_rad(x, y) + std::remainder(std::arg(w) - wrapped, 2 * std::numbers::pi);
+    out.phase_rad[i] = map.phase_rad(x, y) + wrapped_angle(std::arg(w) - wrapped);
     out.y[i] = map.log_ratio(x, y) + 0.5 * std::log(std::norm(w));
   }
   return out;

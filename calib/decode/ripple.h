@@ -23,12 +23,9 @@ inline constexpr std::size_t kRippleTerms = 6;  // cos, sin of 1, 2 and N cycles
 using RippleTerms = std::array<double, kRippleTerms>;
 
 inline RippleTerms ripple_terms(double phase_rad, int phase_steps) {
-  return {std::cos(phase_rad),
-          std::sin(phase_rad),
-          std::cos(2 * phase_rad),
-          std::sin(2 * phase_rad),
-          std::cos(phase_steps * phase_rad),
-          std::sin(phase_steps * phase_rad)};
+  const double c = std::cos(phase_rad), s = std::sin(phase_rad), c2 = c * c - s * s, s2 = 2 * s * c;
+  if (phase_steps == 4) return {c, s, c2, s2, c2 * c2 - s2 * s2, 2 * s2 * c2};
+  return {c, s, c2, s2, std::cos(phase_steps * phase_rad), std::sin(phase_steps * phase_rad)};
 }
 
 /// One line; all of one length.

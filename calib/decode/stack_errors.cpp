@@ -43,7 +43,8 @@ class Light {
       int n_white = 0, n_black = 0;
       for (std::size_t b = 0; b < bits_.size(); ++b) {
         // Edges stand at odd multiples of the spacing.
-        const double from_edge = std::abs(std::remainder(periods - bits_[b].spacing, 2 * bits_[b].spacing));
+        const double edges = (periods - bits_[b].spacing) / (2 * bits_[b].spacing);
+        const double from_edge = 2 * bits_[b].spacing * std::abs(edges - std::floor(edges + 0.5));
         if (from_edge < kClear) continue;
         const double value = buffers[b][x];
         (value > level ? white : black) += value;

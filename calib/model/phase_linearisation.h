@@ -26,6 +26,11 @@
 
 namespace fringecal::model {
 
+/// a b of finite numbers: the operator's care for infinities costs more than the rest of eq. 2.
+inline std::complex<double> product(std::complex<double> a, std::complex<double> b) {
+  return {a.real() * b.real() - a.imag() * b.imag(), a.real() * b.imag() + a.imag() * b.real()};
+}
+
 /// Eq. 1.
 struct StepEllipse {
   std::complex<double> offset{}, conjugate{};  // z0, q
@@ -35,8 +40,9 @@ struct StepEllipse {
   /// w / M of eq. 2 for Z / M = (cosine, sine) of the measured wrapped phase.
   std::complex<double> undone(std::complex<double> measured) const {
     const std::complex<double> centred = measured - offset;
-    const std::complex<double> w = (centred - conjugate * std::conj(centred)) / (1.0 - std::norm(conjugate));  // (2)
-    return w + std::complex(0.0, 4.0 * third * conjugate.imag()) * w * w * w;
+    const std::complex<double> w =
+        (centred - product(conjugate, std::conj(centred))) / (1.0 - std::norm(conjugate));  // (2)
+    return w + product({0.0, 4.0 * third * conjugate.imag()}, product(w, product(w, w)));
   }
 };
 
