@@ -132,7 +132,11 @@ class Solver {
 
   Solver(std::span<const PlanarView> views, const Lens& lens, std::vector<Pose> poses, std::vector<int> free,
          Aspect aspect)
-      : views_(views), lens_(lens), poses_(std::move(poses)), free_(std::move(free)), aspect_(aspect),
+      : views_(views),
+        lens_(lens),
+        poses_(std::move(poses)),
+        free_(std::move(free)),
+        aspect_(aspect),
         boards_(views.size()) {
     for (const auto& v : views) corners_ += v.pixels.size();
     place_.fill(-1);

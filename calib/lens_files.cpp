@@ -156,7 +156,8 @@ PlacedCamera from_opencv(const std::filesystem::path& file, const std::string& b
     if (matrix.rows != 3 || matrix.cols != 3) refuse(file, "'camera_matrix' must be 3 x 3");
     if (matrix.at<double>(0, 1) != 0) refuse(file, "'camera_matrix' has a skew, which the camera of fringecal has not");
     const int terms = static_cast<int>(distortion.total());
-    if (terms != 0 && terms != 4 && terms != 5 && !(terms > 5 && cv::countNonZero(distortion.reshape(1, 1).colRange(5, terms)) == 0)) {
+    if (terms != 0 && terms != 4 && terms != 5 &&
+        !(terms > 5 && cv::countNonZero(distortion.reshape(1, 1).colRange(5, terms)) == 0)) {
       refuse(file, fmt::format("{} 'distortion_coefficients'; fringecal reads 4 or 5 (k1, k2, p1, p2, k3), or more "
                                "where the rest are zero",
                                terms));
@@ -212,10 +213,9 @@ std::string lens_file(const PlacedCamera& placed, LensFormat format, const std::
 
 PlacedCamera read_lens_file(const std::filesystem::path& file) {
   const std::string bytes = read_bytes(file);
-  PlacedCamera p =
-      bytes.find("lens") != std::string::npos && bytes.find("'imagersize'") != std::string::npos
-          ? from_cameramodel(file, bytes)
-          : from_opencv(file, bytes);
+  PlacedCamera p = bytes.find("lens") != std::string::npos && bytes.find("'imagersize'") != std::string::npos
+                       ? from_cameramodel(file, bytes)
+                       : from_opencv(file, bytes);
   const auto& c = p.camera;
   bool finite = p.cam_from_reference.translation_mm.allFinite();
   for (const double v : {c.fx_px, c.fy_px, c.cx_px, c.cy_px}) finite = finite && std::isfinite(v);

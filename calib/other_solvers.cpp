@@ -197,8 +197,8 @@ Result<CrossCheck> cross_check(std::span<const PlanarView> views, int width_px, 
     for (auto& p : v.board_mm) p = p.cast<float>().cast<double>();
   }
   CrossCheck out;
-  out.terms = terms == DistortionTerms::radial && solver == OtherSolver::mrcal ? DistortionTerms::radial_tangential
-                                                                                : terms;
+  out.terms =
+      terms == DistortionTerms::radial && solver == OtherSolver::mrcal ? DistortionTerms::radial_tangential : terms;
   auto ours = solve_camera(rounded, width_px, height_px, {.terms = out.terms});
   if (!ours) return tl::unexpected(ours.error());
   auto theirs = solver == OtherSolver::mrcal ? solve_with_mrcal(rounded, width_px, height_px, out.terms)
