@@ -266,7 +266,7 @@ void BundleSystem::add_priors(const Bundle& b) {
   }
 }
 
-std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lambda) const {
+std::optional<BundleSystem::Direction> BundleSystem::newton(double lambda) const {
   Eigen::MatrixXd s = shared_;
   s.diagonal() *= 1.0 + lambda;
   Eigen::VectorXd g = shared_g_;
@@ -287,11 +287,25 @@ std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lam
       scale.asDiagonal() * Eigen::MatrixXd(s.selfadjointView<Eigen::Lower>()) * scale.asDiagonal();
   const Eigen::LLT<Eigen::MatrixXd> reduced(scaled);
   if (reduced.info() != Eigen::Success) return std::nullopt;
-  const Eigen::VectorXd ds = -(scale.asDiagonal() * reduced.solve(scale.asDiagonal() * g));
-  if (!ds.allFinite()) return std::nullopt;
+  Direction out{-(scale.asDiagonal() * reduced.solve(scale.asDiagonal() * g)), {}};
+  bool finite = out.shared.allFinite();
+  for (std::size_t j = 0; j < blocks_.size(); ++j) {
+    out.pose.push_back(pose_.empty() ? Eigen::VectorXd()
+                                     : Eigen::VectorXd(-factors[j].solve(blocks_[j].g + blocks_[j].w * out.shared)));
+    finite = finite && out.pose.back().allFinite();
+  }
+  return finite ? std::optional(std::move(out)) : std::nullopt;
+}
 
-  Step out{b, -ds.dot(shared_g_)};
-  Bundle& next = out.bundle;
+double BundleSystem::slope(const Direction& d) const {
+  double sum = d.shared.dot(shared_g_);
+  for (std::size_t j = 0; j < blocks_.size(); ++j) sum += d.pose[j].dot(blocks_[j].g);
+  return sum;
+}
+
+Bundle BundleSystem::moved(const Bundle& b, const Direction& direction, double length) const {
+  const Eigen::VectorXd ds = length * direction.shared;
+  Bundle next = b;
   next.bend_mm.resize(static_cast<std::size_t>(poses_), Eigen::Vector3d::Zero());
   next.phase_offset.resize(static_cast<std::size_t>(poses_), Eigen::Vector2d::Zero());
   next.print_mm.resize(b.targets_mm.size(), Eigen::Vector3d::Zero());
@@ -324,11 +338,9 @@ std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lam
     next.print_mm[static_cast<std::size_t>(t)].head(per_target_) +=
         ds.segment(print_column(static_cast<std::size_t>(t)), per_target_);
   }
-  for (std::size_t j = 0; j < blocks_.size(); ++j) {
+  for (std::size_t j = 0; j < direction.pose.size(); ++j) {
     if (pose_.empty()) break;
-    const Eigen::VectorXd dp = -factors[j].solve(blocks_[j].g + blocks_[j].w * ds);
-    if (!dp.allFinite()) return std::nullopt;
-    out.decrement2 -= dp.dot(blocks_[j].g);
+    const Eigen::VectorXd dp = length * direction.pose[j];
     Eigen::Vector3d w = Eigen::Vector3d::Zero();
     for (std::size_t i = 0; i < pose_.size(); ++i) {
       const double d = dp[static_cast<Index>(i)];
@@ -346,7 +358,7 @@ std::optional<BundleSystem::Step> BundleSystem::step(const Bundle& b, double lam
     auto& rotation = next.cam_from_board[j].rotation;
     rotation = (rotation_from_vector(w) * rotation).normalized();
   }
-  return out;
+  return next;
 }
 
 Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {

@@ -67,12 +67,17 @@ class BundleSystem {
   double cost(const Bundle& bundle) const;
   /// Linearises at the bundle. False where a point is not in front of a lens.
   bool linearise(const Bundle& bundle);
-  /// One step from the linearisation, eq. 1, applied to the bundle; no value where the system is not positive definite.
-  struct Step {
-    Bundle bundle;
-    double decrement2 = 0;  // g^T N^-1 g
+  /// A change of all free unknowns: the shared ones, and each pose's.
+  struct Direction {
+    Eigen::VectorXd shared;
+    std::vector<Eigen::VectorXd> pose;
   };
-  std::optional<Step> step(const Bundle& bundle, double lambda) const;
+  /// The step of eq. 1 from the linearisation; no value where the system is not positive definite.
+  std::optional<Direction> newton(double lambda) const;
+  /// g . d at the linearisation: half of what the cost changes by along d.
+  double slope(const Direction& d) const;
+  /// The bundle, changed by `length` times d.
+  Bundle moved(const Bundle& bundle, const Direction& d, double length) const;
 
   /// Eq. 2 at the linearisation. No result: what the sights leave open, by its name.
   struct Posterior {

@@ -3,6 +3,7 @@
 #include "calib/initialise.h"
 #include "calib/joint_solve.h"
 #include "calib/model/triangulate.h"
+#include "calib/tsai.h"
 #include "core/error.h"
 
 #include <fmt/format.h>
@@ -220,6 +221,33 @@ model::ParameterCovariance side_by_side(const model::ParameterCovariance& a, con
   return out;
 }
 
+/// Camera and poses of the bundle by Tsai's method, all corners.
+Result<TsaiSolution> start_by_tsai(Bundle& bundle) {
+  std::vector<PlanarView> views(bundle.cam_from_board.size());
+  for (const Sight& s : bundle.sights) {
+    auto& view = views[static_cast<std::size_t>(s.pose)];
+    view.board_mm.push_back(bundle.targets_mm[static_cast<std::size_t>(s.target)]);
+    view.pixels.push_back(s.pixel);
+  }
+  auto found = calibrate_tsai(views, bundle.camera.width_px, bundle.camera.height_px);
+  if (!found) return found;
+  bundle.camera = found->camera;
+  bundle.cam_from_board = found->cam_from_board;
+  return found;
+}
+
+/// The camera's part of a report from Tsai's method: fx and fy are one number.
+SolveReport report_of(const TsaiSolution& found, const Bundle& bundle) {
+  SolveReport out;
+  out.covariance.names = {"camera.fx_px", "camera.fy_px", "camera.k1", "camera.k2"};
+  Eigen::MatrixXd by = Eigen::MatrixXd::Zero(4, 3);
+  by(0, 0) = by(1, 0) = by(2, 1) = by(3, 2) = 1.0;
+  out.covariance.covariance = by * found.covariance * by.transpose();
+  out.camera_rms_px = found.rms_px;
+  out.components.camera = found.rms_px / bundle.sights.front().u_pixel_px;
+  return out;
+}
+
 void fill_observations(Scanner& scanner, std::span<const BoardObservation> observations, const Bundle& bundle,
                        const SolveReport& report) {
   scanner.observations.assign(observations.begin(), observations.end());
@@ -270,9 +298,17 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   Bundle bundle = bundle_of(observations, board);
   bundle.camera.width_px = width_px;
   bundle.camera.height_px = height_px;
-  if (const auto started = initialise_camera(bundle); !started) return tl::unexpected(started.error());
+  const bool tsai = options.method == CalibrationMethod::tsai,
+             staged = tsai || options.method == CalibrationMethod::staged;
+  std::optional<TsaiSolution> by_tsai;
+  if (tsai || options.start == CameraStart::tsai) {
+    auto started = start_by_tsai(bundle);
+    if (!started) return tl::unexpected(started.error());
+    by_tsai = std::move(*started);
+  } else if (const auto started = initialise_camera(bundle); !started) {
+    return tl::unexpected(started.error());
+  }
 
-  const bool staged = options.method == CalibrationMethod::staged;
   SolveSettings settings;
   if (staged) {
     settings.outliers = Outliers::keep;
@@ -280,18 +316,20 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
     settings.components.print_mm = board.u_print_mm;
     settings.components.pitch = board.u_pitch_relative;
   }
-  std::string method = staged ? "camera alone by plain least squares, then the projector with the camera held"
-                              : "camera and projector jointly, robust least squares with variance components";
-  settings.free.camera = options.camera_terms;
+  std::string method = tsai ? "camera by Tsai's two stages with the principal point in the image's middle, then the "
+                              "projector with the camera held"
+                       : staged ? "camera alone by plain least squares, then the projector with the camera held"
+                                : "camera and projector jointly, robust least squares with variance components";
+  settings.free.camera = tsai ? DistortionTerms::radial : options.camera_terms;
   std::string words;
-  if (options.camera_terms == DistortionTerms::automatic) {
+  if (settings.free.camera == DistortionTerms::automatic) {
     auto choice = choose_terms(bundle, settings, &FreeTerms::camera);
     if (!choice) return tl::unexpected(choice.error());
     settings.free.camera = choice->terms;
     words = fmt::format(" ({})", choice->words);
   }
   settings.pose_check = staged ? PoseCheck::yes : PoseCheck::no;
-  const auto alone = solve_bundle(bundle, settings);
+  const auto alone = tsai ? Result<SolveReport>(report_of(*by_tsai, bundle)) : solve_bundle(bundle, settings);
   if (!alone) return tl::unexpected(alone.error());
   method += fmt::format("; camera terms {}{}", name_of(settings.free.camera), words);
 

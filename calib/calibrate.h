@@ -39,12 +39,19 @@ enum class CalibrationMethod {
   // covariance
   // of the projector then leaves out what the camera contributes.
   staged,
+  // The paper's way: the camera by Tsai's two stages (tsai.h), its principal point in the image's middle, every corner kept;
+  // then the projector as in `staged`. The camera's covariance is that of stage 2.
+  tsai,
 };
+
+/// What the joint and the staged solve start from.
+enum class CameraStart { zhang, tsai };
 
 struct CalibrationOptions {
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;  // none or radial where one axis only is coded
   CalibrationMethod method = CalibrationMethod::joint;
+  CameraStart start = CameraStart::zhang;  // closed form from homographies; the solution does not depend on it
   int min_poses = 3;
   // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal:
   // printed and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.

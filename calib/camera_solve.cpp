@@ -130,11 +130,19 @@ class Solver {
  public:
   static constexpr int kLens = 4 + kTerms + kSkew;
 
-  Solver(std::span<const PlanarView> views, const Lens& lens, std::vector<Pose> poses, std::vector<int> free)
-      : views_(views), lens_(lens), poses_(std::move(poses)), free_(std::move(free)), boards_(views.size()) {
+  Solver(std::span<const PlanarView> views, const Lens& lens, std::vector<Pose> poses, std::vector<int> free,
+         Aspect aspect)
+      : views_(views),
+        lens_(lens),
+        poses_(std::move(poses)),
+        free_(std::move(free)),
+        aspect_(aspect),
+        boards_(views.size()) {
     for (const auto& v : views) corners_ += v.pixels.size();
     place_.fill(-1);
     for (std::size_t i = 0; i < free_.size(); ++i) place_[static_cast<std::size_t>(free_[i])] = static_cast<int>(i);
+    // No reading depends on both focal lengths: sharing the place of fx adds up what they say.
+    if (aspect_ == Aspect::one) place_[1] = place_[0];
   }
 
   bool run(int max_iterations);
@@ -164,6 +172,7 @@ class Solver {
   Lens lens_;
   std::vector<Pose> poses_;
   std::vector<int> free_;
+  Aspect aspect_;
   std::array<int, kMostLens> place_{};  // of each lens parameter among the free ones; -1: held
   std::vector<Board> boards_;
   std::size_t corners_ = 0;
@@ -381,6 +390,7 @@ bool Solver<kTerms, kSkew>::step(double lambda, Lens& lens, std::vector<Pose>& p
   for (std::size_t i = 0; i < free_.size(); ++i) {
     d[static_cast<std::size_t>(free_[i])] = moves[static_cast<Eigen::Index>(i)];
   }
+  if (aspect_ == Aspect::one) d[1] = d[0];
   lens = lens_;
   lens.fx += d[0];
   lens.fy += d[1];
@@ -445,17 +455,21 @@ Result<CameraSolution> solved(std::span<const PlanarView> views, const Lens& sta
                                                                           : 2;
   std::vector<int> free;
   CameraSolution out;
+  const bool one_focal_length = options.aspect == Aspect::one;
   for (const char* name : {"fx_px", "fy_px", "cx_px", "cy_px"}) out.names.emplace_back(name);
+  if (one_focal_length) out.names.erase(out.names.begin() + 1);
   for (int t = 0; t < terms; ++t) {
     out.names.emplace_back(std::array{"k1", "k2", "p1", "p2", "k3"}[static_cast<std::size_t>(t)]);
   }
-  for (int i = 0; i < 4 + terms; ++i) free.push_back(i);
+  for (int i = 0; i < 4 + terms; ++i) {
+    if (i != 1 || !one_focal_length) free.push_back(i);
+  }
   if (options.skew == Skew::free) {
     free.push_back(4 + kTerms);
     out.names.emplace_back("skew_px");
   }
   const auto n_free = static_cast<Eigen::Index>(free.size());
-  Solver<kTerms, kSkew> solver(views, start, std::move(poses), free);
+  Solver<kTerms, kSkew> solver(views, start, std::move(poses), free, options.aspect);
   if (!solver.run(options.max_iterations) || solver.iterations() >= options.max_iterations) {
     return unanswerable(fmt::format(
         "the camera's solve does not converge in {} iterations; capture the board tilted by 20 to 40 degrees "

@@ -33,10 +33,13 @@ struct PlanarView {
 };
 
 enum class Skew { zero, free };
+/// fx and fy on their own, or one focal length for both.
+enum class Aspect { free, one };
 
 struct CameraSolveOptions {
   DistortionTerms terms = DistortionTerms::radial;  // radial, radial_tangential or full
   Skew skew = Skew::zero;
+  Aspect aspect = Aspect::free;
   int max_iterations = 100;
 };
 
@@ -47,8 +50,9 @@ struct CameraSolution {
   double squares_px2 = 0;  // eq. 1
   double rms_px = 0;       // per coordinate
   int iterations = 0;
-  std::vector<std::string> names;  // of the lens parameters: fx_px, fy_px, cx_px, cy_px, k1 .., skew_px
-  Eigen::MatrixXd covariance;      // of them, S^-1 times the squares over the degrees of freedom
+  std::vector<std::string>
+      names;  // of the lens parameters: fx_px, fy_px (not with Aspect::one), cx_px, cy_px, k1 .., skew_px
+  Eigen::MatrixXd covariance;  // of them, S^-1 times the squares over the degrees of freedom
 };
 
 Result<CameraSolution> solve_camera(std::span<const PlanarView> views, int width_px, int height_px,

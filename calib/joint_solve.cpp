@@ -137,27 +137,52 @@ class Solver {
   int iterations_ = 0;
 };
 
-/// Levenberg-Marquardt from the bundle until the Newton decrement is below the limit.
+/// Levenberg-Marquardt from the bundle until the Newton decrement is below the limit. Where the residuals' own curvature is
+/// as large as that of the normal equations (along the fringes), a whole step overshoots to the other side of the minimum,
+/// lowers the cost a little and is followed by one back, thousands of times. So the length of each step d is set by the
+/// slope at its end,
+///   t = d2 / (d2 + g(1) . d),   d2 = -g(0) . d, the squared decrement                                            (5)
+/// where the slope, linear between the ends, is zero. The cost could not do this: near the minimum it drowns in rounding.
 bool Solver::minimise(double loss, double decrement2, double lambda) {
-  BundleSystem s = system(loss);
-  double cost = s.cost(bundle_);
-  if (!std::isfinite(cost)) return false;
+  BundleSystem here = system(loss);
+  double cost = here.cost(bundle_);
+  if (!std::isfinite(cost) || !here.linearise(bundle_)) return false;
   constexpr int kIterations = 200;
   for (int iteration = 0; iteration < kIterations; ++iteration, ++iterations_) {
-    if (!s.linearise(bundle_)) return false;
     while (true) {
-      const auto step = s.step(bundle_, lambda);
       // The rounding of a sum of squares: below it a step can no longer be judged by its cost.
-      const double rounding = 1e-13 * cost;
-      const double next = step ? s.cost(step->bundle) : cost;
-      if (step && next <= cost + rounding) {
-        bundle_ = step->bundle;
-        cost = next;
+      const double limit = cost * (1.0 + 1e-13);
+      const auto step = here.newton(lambda);
+      const double d2 = step ? -here.slope(*step) : HUGE_VAL;
+      BundleSystem there = system(loss);
+      bool lower = false;
+      if (step) {
+        Bundle next = there.moved(bundle_, *step, 1.0);
+        double next_cost = there.cost(next);
+        bool usable = std::isfinite(next_cost) && there.linearise(next);
+        const double length = usable ? d2 / std::max(d2 + there.slope(*step), 1e-300) : 1.0;  // eq. 5
+        if (length < 0.8 || length > 1.25) {
+          Bundle other = there.moved(bundle_, *step, std::clamp(length, 0.05, 10.0));
+          const double other_cost = there.cost(other);
+          if (other_cost <= std::max(next_cost, limit)) {
+            next = std::move(other);
+            next_cost = other_cost;
+            usable = there.linearise(next);
+          }
+        }
+        lower = usable && next_cost <= limit;
+        if (lower) {
+          bundle_ = std::move(next);
+          cost = next_cost;
+        }
+      }
+      if (lower) {
+        here = std::move(there);
         lambda = lambda < 1e-9 ? 0.0 : 0.1 * lambda;
-        if (step->decrement2 < decrement2 && lambda < 1e-4) return true;
+        if (d2 < decrement2 && lambda < 1e-4) return true;
         break;
       }
-      if (step && step->decrement2 < decrement2) return true;
+      if (d2 < decrement2) return true;
       lambda = std::max(10.0 * lambda, 1e-6);
       if (lambda > 1e10) return std::isfinite(cost);
     }
@@ -266,8 +291,8 @@ Result<SolveReport> Solver::run() {
 
 Result<SolveReport> Solver::report(const BundleSystem& system, BundleSystem::Posterior posterior) {
   SolveReport out;
-  const auto left = system.step(bundle_, 0.0);
-  out.newton_decrement = left ? std::sqrt(std::max(0.0, left->decrement2)) : 1e9;
+  const auto left = system.newton(0.0);
+  out.newton_decrement = left ? std::sqrt(std::max(0.0, -system.slope(*left))) : HUGE_VAL;
   if (!(out.newton_decrement < 1e-3)) {  // eq. 3
     return unanswerable(
         fmt::format("the joint solve did not converge: {:.2g} standard uncertainties are left to go after {} "

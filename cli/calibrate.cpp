@@ -1,7 +1,9 @@
 #include "calib/calibrate.h"
 #include "calib/board_detection.h"
 #include "calib/fit_chen2008.h"
+#include "calib/halves.h"
 #include "calib/linearise.h"
+#include "cli/calibrate_corners.h"
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -21,13 +23,30 @@ using calib::DistortionTerms;
 struct Options {
   std::vector<std::filesystem::path> captures, flat;
   std::string board, output;
+  CornerOptions corners;  // its fields that calibrate has too are filled in from here
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;
   std::optional<double> pixel_mm, working_distance_mm;
   int min_poses = 3;
   calib::CalibrationMethod method = calib::CalibrationMethod::joint;
+  calib::CameraStart start = calib::CameraStart::zhang;
   bool flat_board = false, json = false;
 };
+
+/// The corners in use, as the camera's solve takes them.
+std::vector<calib::PlanarView> views_of(const model::Scanner& s) {
+  std::vector<calib::PlanarView> out;
+  for (const auto& o : s.observations) {
+    calib::PlanarView view;
+    for (const auto& c : o.corners) {
+      if (!c.used) continue;
+      view.board_mm.push_back(s.board->corner_mm(c.column, c.row).head<2>());
+      view.pixels.push_back(c.pixel);
+    }
+    out.push_back(std::move(view));
+  }
+  return out;
+}
 
 /// Value of a parameter by its name in the covariance; empty for the increments of a rotation.
 std::optional<double> value_of(const model::Scanner& s, const std::string& name) {
@@ -121,7 +140,21 @@ std::optional<model::PhaseLinearisation> linearisation_from(const std::vector<st
   return fit ? std::optional(fit->table()) : std::nullopt;
 }
 
+void run_on_corners(const Options& options) {
+  CornerOptions o = options.corners;
+  o.board = options.board;
+  o.output = options.output;
+  o.terms = options.camera_terms;
+  o.tsai = options.method == calib::CalibrationMethod::tsai;
+  o.json = options.json;
+  calibrate_corners(o);
+}
+
 void run(const Options& options) {
+  if (!options.corners.corners.empty()) return run_on_corners(options);
+  if (options.captures.empty() || options.board.empty() || options.output.empty()) {
+    throw InputError("calibrate needs captures, --board and -o; or --corners");
+  }
   const model::Board board = model::read_board(options.board);
   const auto linearisation = linearisation_from(options.flat);
   calib::BoardViews views = calib::observe_captures(options.captures, board, linearisation ? &*linearisation : nullptr);
@@ -136,6 +169,7 @@ void run(const Options& options) {
   how.camera_terms = options.camera_terms;
   how.projector_terms = options.projector_terms;
   how.method = options.method;
+  how.start = options.start;
   how.min_poses = needed;
   if (options.flat_board) how.u_bow_relative = 0;
   how.pixel_mm = options.pixel_mm;
@@ -153,6 +187,10 @@ void run(const Options& options) {
     print_json(options, *scanner, views.dropped);
   } else {
     print_text(options, *scanner, views.dropped, with_paper ? "" : with_paper.error().sentence);
+    if (options.corners.cross_check) {
+      print_cross_check(views_of(*scanner), views.width_px, views.height_px,
+                        calib::terms_of(scanner->camera.distortion), *options.corners.cross_check);
+    }
   }
 }
 
@@ -165,14 +203,20 @@ void add_calibrate(CLI::App& app) {
       {"radial+tangential", DistortionTerms::radial_tangential},
       {"full", DistortionTerms::full},
       {"auto", DistortionTerms::automatic}};
-  static const std::map<std::string, calib::CalibrationMethod> kMethods = {
-      {"joint", calib::CalibrationMethod::joint}, {"staged", calib::CalibrationMethod::staged}};
+  static const std::map<std::string, calib::CalibrationMethod> kMethods = {{"joint", calib::CalibrationMethod::joint},
+                                                                           {"staged", calib::CalibrationMethod::staged},
+                                                                           {"tsai", calib::CalibrationMethod::tsai}};
+  static const std::map<std::string, calib::CameraStart> kStarts = {{"zhang", calib::CameraStart::zhang},
+                                                                    {"tsai", calib::CameraStart::tsai}};
+  static const std::map<std::string, calib::OtherSolver> kSolvers = {{"mrcal", calib::OtherSolver::mrcal},
+                                                                     {"opencv", calib::OtherSolver::opencv}};
   auto options = std::make_shared<Options>();
   CLI::App* command =
       app.add_subcommand("calibrate", "Finds camera and projector from captures of a calibration board");
-  command->add_option("captures", options->captures, "Capture folders, one per pose of the board")->required();
-  command->add_option("--board", options->board, "TOML file of the board: kind, columns, rows, pitch_mm")->required();
-  command->add_option("-o,--output", options->output, "Scanner file to write")->required();
+  command->add_option("captures", options->captures, "Capture folders, one per pose of the board");
+  command->add_option("--board", options->board, "TOML file of the board: kind, columns, rows, pitch_mm");
+  command->add_option("-o,--output", options->output,
+                      "Scanner file to write; with --corners a lens file, .cameramodel or .yml");
   command
       ->add_option(
           "--camera-terms", options->camera_terms,
@@ -186,8 +230,28 @@ void add_calibrate(CLI::App& app) {
       ->add_option(
           "--method", options->method,
           "joint (default): all at once, robust; staged: camera alone by plain least squares, then the projector, "
-          "for comparison with programs that work so")
+          "for comparison with programs that work so; tsai: the camera by Tsai's two stages, then the projector")
       ->transform(CLI::CheckedTransformer(kMethods).description(""));
+  command->add_option("--start", options->start, "Start of the camera: zhang (default) or tsai; the result is the same")
+      ->transform(CLI::CheckedTransformer(kStarts).description(""));
+  auto& corners = options->corners;
+  command->add_option(
+      "--corners", corners.corners,
+      "Instead of captures, a camera alone from corners: .vnl of mrcal, or one file of numbers per view");
+  command->add_option("--image-size", corners.image_size, "With --corners: the image's width and height in px")
+      ->expected(2)
+      ->check(CLI::PositiveNumber);
+  command->add_option("--places", corners.places,
+                      "With --corners, instead of --board: file of the corners' places on the board, x y x y ..");
+  command->add_option("--places-unit-mm", corners.places_unit_mm, "Unit of --places in mm")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_flag("--skew", corners.skew, "With --corners: estimate the skew of the pixels too");
+  command->add_flag("--one-focal-length", corners.one_focal_length, "With --corners: fx = fy");
+  command
+      ->add_option("--cross-check", corners.cross_check,
+                   "mrcal or opencv: solve the same corners with that library and print the differences in px and mm")
+      ->transform(CLI::CheckedTransformer(kSolvers).description(""));
   command->add_option("--pixel-mm", options->pixel_mm, "Side of a camera pixel in mm, to print the paper's parameters")
       ->check(CLI::PositiveNumber);
   command
@@ -204,6 +268,8 @@ void add_calibrate(CLI::App& app) {
   command->footer(
       "Example: fringecal calibrate captures/board_* --board board.toml --pixel-mm 0.00645 -o scanner.json\n"
       "         fringecal calibrate captures/board_* --flat captures/flat_* --board board.toml -o scanner.json\n"
+      "         fringecal calibrate --corners corners.vnl --board board.toml --image-size 1392 1040 -o "
+      "camera.cameramodel\n"
       "A board file: kind = \"chessboard\"  columns = 9  rows = 7  pitch_mm = 30");
   command->callback([options] { run(*options); });
 }

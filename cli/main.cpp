@@ -51,6 +51,9 @@ int main(int argc, char** argv) {
   cli::add_align(app);
   cli::add_calibrate(app);
   cli::add_compare(app);
+  cli::add_uncertainty(app);
+  cli::add_export(app);
+  cli::add_import_lenses(app);
   cli::add_measure(app);
   cli::add_register(app);
   cli::add_fit(app);

@@ -14,17 +14,13 @@
 #include "calib/model/scanner.h"
 #include "core/result.h"
 #include "core/value.h"
+#include "metrology/volume.h"
 
-#include <optional>
 #include <vector>
 
 namespace fringecal::metrology {
 
-struct CompareOptions {
-  // Heights in A's world; absent: the volume that A's closed form was fitted over, else 8 % of L either way.
-  std::optional<double> z_min_mm = {}, z_max_mm = {};
-  int columns = 9, rows = 7, heights = 5;
-};
+using CompareOptions = VolumeGrid;  // heights in A's world
 
 struct ComparedPoint {
   Eigen::Vector3d point_mm, difference_mm;  // P_A, eq. 1

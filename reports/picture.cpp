@@ -81,17 +81,27 @@ struct Layout {
   double width = 0, height = 0;  // of the picture
 };
 
-std::string axis_numbers(const Box& box, const Layout& at) {
+/// Numbers of an axis over its pixels first .. last: the place of each, in pixels, and its words.
+std::vector<std::pair<double, std::string>> numbers_of(const AxisScale& scale, int first, int last, int count) {
+  const double a = scale.first + first * scale.step, b = scale.first + last * scale.step;
+  std::vector<std::pair<double, std::string>> out;
+  for (const double v : ticks(std::min(a, b), std::max(a, b), count)) {
+    out.emplace_back((v - scale.first) / scale.step, fixed(v, 0));
+  }
+  return out;
+}
+
+std::string axis_numbers(const Box& box, const HeatMapOptions& options, const Layout& at) {
   std::string svg;
-  for (const double x : ticks(box.x0, box.x1 - 1, 5)) {
+  for (const auto& [x, words] : numbers_of(options.x, box.x0, box.x1 - 1, 5)) {
     const double px = Layout::kLeft + (x + 0.5 - box.x0) * at.scale;
     svg += fmt::format("<path d=\"M{0:.1f},{1:.1f}v4\"/>", px, Layout::kTop + at.height);
-    svg += svg_text(px, Layout::kTop + at.height + 16, "middle", fixed(x, 0));
+    svg += svg_text(px, Layout::kTop + at.height + 16, "middle", words);
   }
-  for (const double y : ticks(box.y0, box.y1 - 1, 4)) {
+  for (const auto& [y, words] : numbers_of(options.y, box.y0, box.y1 - 1, 4)) {
     const double py = Layout::kTop + (y + 0.5 - box.y0) * at.scale;
     svg += fmt::format("<path d=\"M{0:.1f},{1:.1f}h-4\"/>", Layout::kLeft, py);
-    svg += svg_text(Layout::kLeft - 7, py + 4, "end", fixed(y, 0));
+    svg += svg_text(Layout::kLeft - 7, py + 4, "end", words);
   }
   return svg;
 }
@@ -199,7 +209,7 @@ Markup heat_map(const Image<float>& values, const HeatMapOptions& options) {
       png_uri(encode_png(colourise(small, *range, options.map))));
   svg += fmt::format("<rect class=\"frame\" x=\"{}\" y=\"{}\" width=\"{:.2f}\" height=\"{:.2f}\"/>", Layout::kLeft,
                      Layout::kTop, at.width, at.height);
-  svg += axis_numbers(box, at) + colour_bar(options, *range, at) + "</svg>";
+  svg += axis_numbers(box, options, at) + colour_bar(options, *range, at) + "</svg>";
   return Markup::trusted(svg);
 }
 

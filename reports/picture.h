@@ -15,12 +15,18 @@
 
 namespace fringecal::reports {
 
+/// The number at the middle of pixel k of an axis: first + k step.
+struct AxisScale {
+  double first = 0, step = 1;
+};
+
 struct HeatMapOptions {
   ColourMap map = ColourMap::diverging;
   std::string label;   // of the colour bar, with the unit of the printed numbers: "deviation, µm"
   double scale = 1.0;  // printed number = value * scale
   int width_px = 480;  // of the drawing on the page, colour bar included
   int max_height_px = 420;
+  AxisScale x = {}, y = {};   // by default pixels
   bool zoom_to_valid = true;  // cut off the margins without values
 };
 

@@ -1,6 +1,7 @@
 // A camera from views of a board, k1 and k2, set-up and start included: ours, mrcal (k1, k2, p1, p2: it has no radial
 // model) and cv::calibrateCamera (its default of 30 iterations), side by side.
-#include "tests/calib/other_libraries.h"
+#include "calib/other_solvers.h"
+#include "tests/calib/synthetic_board_views.h"
 
 #include <benchmark/benchmark.h>
 
@@ -33,7 +34,7 @@ void BM_Mrcal(benchmark::State& state) {
   const auto views = views_of(s);
   cv::setNumThreads(static_cast<int>(state.range(1)));
   for (auto _ : state) {
-    auto found = test::solve_with_mrcal(views, 1392, 1040, s.side, s.pitch_mm);
+    auto found = calib::solve_with_mrcal(views, 1392, 1040, calib::DistortionTerms::radial_tangential);
     benchmark::DoNotOptimize(found);
   }
 }
@@ -41,7 +42,7 @@ void BM_OpenCv(benchmark::State& state) {
   const auto views = views_of(size_of(state));
   cv::setNumThreads(static_cast<int>(state.range(1)));
   for (auto _ : state) {
-    auto found = test::solve_with_opencv(views, 1392, 1040, calib::DistortionTerms::radial, 30);
+    auto found = calib::solve_with_opencv(views, 1392, 1040, calib::DistortionTerms::radial, 30);
     benchmark::DoNotOptimize(found);
   }
 }

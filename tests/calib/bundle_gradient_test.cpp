@@ -161,10 +161,10 @@ TEST(BundleSystem, UndampedStepsReachAStationaryPoint) {
   double decrement2 = 1;
   for (int i = 0; i < 20; ++i) {
     ASSERT_TRUE(system.linearise(b));
-    auto step = system.step(b, 0.0);
+    const auto step = system.newton(0.0);
     ASSERT_TRUE(step);
-    decrement2 = step->decrement2;
-    b = step->bundle;
+    decrement2 = -system.slope(*step);
+    b = system.moved(b, *step, 1.0);
   }
   // Newton's decrement at the minimum: rounding of a cost of order 10.
   EXPECT_LT(decrement2, 1e-12);

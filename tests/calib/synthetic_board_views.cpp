@@ -149,4 +149,24 @@ std::vector<model::BoardObservation> parallel_views(const model::Scanner& scanne
   return observe(scanner, board, placed, errors);
 }
 
+std::vector<calib::PlanarView> planar_views(int boards, int columns, int rows, double pitch_mm, double noise_px) {
+  model::Scanner scanner = known_scanner();
+  scanner.camera.distortion = {-0.10, 0.06, 0, 0, 0};
+  model::Board board;
+  board.columns = columns;
+  board.rows = rows;
+  board.pitch_x_mm = board.pitch_y_mm = pitch_mm;
+  std::vector<calib::PlanarView> out;
+  for (const auto& o : views(scanner, board, boards, {.u_pixel_px = noise_px})) {
+    calib::PlanarView v;
+    for (const auto& c : o.corners) {
+      v.board_mm.push_back(board.corner_mm(c.column, c.row).head<2>());
+      // OpenCV keeps its points in float: the same corners for all.
+      v.pixels.push_back(c.pixel.cast<float>().cast<double>());
+    }
+    out.push_back(std::move(v));
+  }
+  return out;
+}
+
 }  // namespace fringecal::test

@@ -2,6 +2,7 @@
 // for. The projections come from calib/model, whose own tests compare them with OpenCV and mrcal.
 #pragma once
 
+#include "calib/camera_solve.h"
 #include "calib/model/board.h"
 #include "calib/model/scanner.h"
 
@@ -33,5 +34,9 @@ std::vector<model::BoardObservation> views(const model::Scanner& scanner, const 
                                            const ViewErrors& errors);
 std::vector<model::BoardObservation> parallel_views(const model::Scanner& scanner, const model::Board& board, int poses,
                                                     const ViewErrors& errors);
+
+/// `boards` views of columns x rows corners through a known camera, tilted up to 35 degrees, with noise. Radial only:
+/// p1 = p2 = 0 in the truth.
+std::vector<calib::PlanarView> planar_views(int boards, int columns, int rows, double pitch_mm, double noise_px);
 
 }  // namespace fringecal::test

@@ -1,0 +1,189 @@
+// What a calibration leaves open is named: maps and combinations on good views, and views that are ill posed on purpose.
+#include "metrology/uncertainty_map.h"
+
+#include "calib/calibrate.h"
+#include "calib/halves.h"
+#include "metrology/compare_scanners.h"
+#include "metrology/residual_whiteness.h"
+#include "reports/uncertainty_page.h"
+#include "tests/calib/synthetic_board_views.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+namespace fringecal::metrology {
+namespace {
+
+using ::testing::HasSubstr;
+
+Result<model::Scanner> calibrated(const std::vector<model::BoardObservation>& views) {
+  return calib::calibrate(views, test::known_board(), 1392, 1040, test::known_plan(),
+                          {.camera_terms = calib::DistortionTerms::radial, .u_bow_relative = 0});
+}
+
+const model::Scanner& good() {
+  static const model::Scanner scanner =
+      calibrated(test::views(test::known_scanner(), test::known_board(), 12, {.seed = 5})).value();
+  return scanner;
+}
+
+bool names(const UncertaintyMap& map, const std::string& parameter) {
+  for (const auto& c : map.combinations) {
+    for (const auto& share : c.shares) {
+      if (c.open && share.parameter == parameter) return true;
+    }
+  }
+  return false;
+}
+
+std::string all_words(const UncertaintyMap& map) {
+  std::string out;
+  for (const auto& words : open_words(map)) out += words + "\n";
+  return out;
+}
+
+TEST(UncertaintyMap, SplitsIntoCombinationsThatAddUpToTheWhole) {
+  const auto map = uncertainty_map(good(), {.section_steps = 9});
+  ASSERT_TRUE(map) << map.error().sentence;
+  double sum = 0;
+  for (const auto& c : map->combinations) sum += c.rms_mm * c.rms_mm;
+  // Orthogonal parts of one mean square, cut off at 99 %; six at most.
+  EXPECT_LE(sum, map->rms_mm * map->rms_mm * (1 + 1e-9));
+  EXPECT_GT(sum, 0.9 * map->rms_mm * map->rms_mm);
+  ASSERT_EQ(map->sections.size(), 3u);
+  for (const auto& p : map->points) {
+    // Eq. 1: the parts of the diagonal.
+    EXPECT_NEAR(p.total_mm * p.total_mm, p.calibration_mm * p.calibration_mm + p.phase_mm * p.phase_mm, 1e-12);
+    EXPECT_GT(p.phase_mm, 0);
+  }
+  // The middle of a section is a point of the volume like any other: as uncertain as the grid's points near it.
+  const auto& z = map->sections.front();
+  const auto& middle = z.values[static_cast<std::size_t>((z.rows / 2) * z.columns + z.columns / 2)];
+  ASSERT_TRUE(middle);
+  EXPECT_LT(middle->calibration_mm, map->worst_mm);
+}
+
+TEST(UncertaintyMap, PhaseNoiseIsThatOfATriangulation) {
+  const auto map = uncertainty_map(good(), {.u_phase_rad = 0.01, .section_steps = 0});
+  ASSERT_TRUE(map);
+  // On the axis a shift of u by u(u) = p u(phi) / 2 pi moves the point by L/f u(u) across and, along the camera's ray, by
+  // that over sin(angle between the rays), 0.37 for a base of 400 at 1000 mm; over the volume within 20 %.
+  const double across = 1000.0 / 32.0 * 0.24 * 0.01 / (2 * 3.14159265);
+  double mean = 0;
+  for (const auto& p : map->points) mean += p.phase_mm / static_cast<double>(map->points.size());
+  EXPECT_NEAR(mean, across / 0.371, 0.2 * across / 0.371);
+}
+
+TEST(UncertaintyMap, NamesTheProjectorsPlaceAlongTheFringesAsHeldByItsPrior) {
+  // With lenses without distortion one code axis does not see it at all.
+  model::Scanner truth = test::known_scanner();
+  truth.projector.distortion = {};
+  truth.camera.distortion = {-0.1, 0.06, 0, 0, 0};
+  const auto found = calibrated(test::views(truth, test::known_board(), 12, {.seed = 5}));
+  ASSERT_TRUE(found) << found.error().sentence;
+  const auto map = uncertainty_map(*found, {.section_steps = 0});
+  ASSERT_TRUE(map) << map.error().sentence;
+  EXPECT_THAT(all_words(*map), HasSubstr("held by its prior, not by the views: proj_from_cam.translation_y_mm"));
+}
+
+TEST(IllPosed, TwoPosesAreRefused) {
+  const auto found = calibrated(test::views(test::known_scanner(), test::known_board(), 2, {}));
+  ASSERT_FALSE(found);
+  EXPECT_THAT(found.error().sentence, HasSubstr("2 poses of the board; at least 3"));
+}
+
+TEST(IllPosed, ParallelBoardsAreRefusedAndTheFocalLengthNamed) {
+  const auto found = calibrated(test::parallel_views(test::known_scanner(), test::known_board(), 8, {}));
+  ASSERT_FALSE(found);
+  std::printf("parallel boards: %s\n", found.error().sentence.c_str());
+  EXPECT_TRUE(found.error().sentence.find("fx_px") != std::string::npos ||
+              found.error().sentence.find(".f") != std::string::npos ||
+              found.error().sentence.find("tilted") != std::string::npos)
+      << found.error().sentence;
+}
+
+/// The board at a third of its size, always near one corner of the image.
+std::vector<model::BoardObservation> in_one_corner() {
+  auto views = test::views(test::known_scanner(), test::known_board(), 12, {.seed = 5});
+  for (auto& o : views) {
+    std::erase_if(o.corners, [](const auto& c) { return c.column > 3 || c.row > 2; });
+  }
+  return views;
+}
+
+TEST(IllPosed, ABoardAlwaysInOneCornerIsFlaggedWithTheLensNamed) {
+  const auto found = calibrated(in_one_corner());
+  ASSERT_TRUE(found) << found.error().sentence;
+  const auto map = uncertainty_map(*found, {.section_steps = 0}), whole = uncertainty_map(good(), {.section_steps = 0});
+  ASSERT_TRUE(map && whole);
+  std::printf("one corner: %.3f mm rms, %.3f at most\n%s", map->rms_mm, map->worst_mm, all_words(*map).c_str());
+  EXPECT_TRUE(names(*map, "camera.k1") || names(*map, "camera.k2") || names(*map, "projector.k1") ||
+              names(*map, "projector.k2") || names(*map, "camera.cx_px") || names(*map, "projector.x.u0"));
+  EXPECT_GT(map->worst_mm, 3 * whole->worst_mm);
+}
+
+TEST(IllPosed, PosesAtOneDistanceAreWorseThanPosesAtSeveralAndTheFocalLengthIsNamed) {
+  const auto views = test::views(test::known_scanner(), test::known_board(), 40, {.seed = 5});
+  std::vector<model::BoardObservation> one_distance, several(views.begin(), views.begin() + 8);
+  for (std::size_t i = 2; i < views.size(); i += 5)
+    one_distance.push_back(views[i]);  // the ones in the middle of the depth
+  const auto poor = calibrated(one_distance), rich = calibrated(several);
+  ASSERT_TRUE(rich);
+  ASSERT_TRUE(poor) << poor.error().sentence;
+  const auto map = uncertainty_map(*poor, {.section_steps = 0}), whole = uncertainty_map(*rich, {.section_steps = 0});
+  ASSERT_TRUE(map && whole);
+  std::printf("one distance: %.4f mm rms, %.4f at most; several: %.4f, %.4f\n%s", map->rms_mm, map->worst_mm,
+              whole->rms_mm, whole->worst_mm, all_words(*map).c_str());
+  for (const auto& share : map->combinations.front().shares)
+    std::printf(" %s %+.2f", share.parameter.c_str(), share.in_u);
+  std::printf("\n");
+  EXPECT_GT(map->worst_mm, whole->worst_mm);
+  const bool named =
+      std::any_of(map->combinations.front().shares.begin(), map->combinations.front().shares.end(),
+                  [](const auto& s) { return s.parameter.ends_with(".f") || s.parameter.ends_with("fx_px"); });
+  EXPECT_TRUE(named);
+}
+
+TEST(CrossValidation, HalvesOfGoodViewsAgreeWithinWhatTheyAllow) {
+  const auto halves = calib::solve_halves(good());
+  ASSERT_TRUE(halves) << halves.error().sentence;
+  const auto compared = compare_scanners(halves->first, halves->second);
+  ASSERT_TRUE(compared) << compared.error().sentence;
+  std::printf("halves: %s\n", verdict_of(*compared).c_str());
+  // Some ten independent ways to differ: the ratio of rms values is within 1 +- 3 / sqrt(20).
+  EXPECT_LT(compared->ratio, 1.7);
+  EXPECT_GT(compared->ratio, 0.3);
+}
+
+TEST(CrossValidation, ResidualsOfGoodViewsAreNoiseAndOthersAreSaidWhere) {
+  const auto white = residual_whiteness(good());
+  ASSERT_TRUE(white) << white.error().sentence;
+  for (const auto& w : *white) EXPECT_TRUE(w.white()) << words_of(w);
+  // One corner of the board off by 0.1 px in every view: over the board, the model lacks something.
+  model::Scanner bent = good();
+  for (auto& o : bent.observations) {
+    for (auto& c : o.corners) {
+      if (c.column % 2 == 0) c.pixel.x() += 0.05;
+    }
+  }
+  const auto judged = residual_whiteness(bent);
+  ASSERT_TRUE(judged);
+  EXPECT_TRUE((*judged)[0].white()) << words_of((*judged)[0]);
+  EXPECT_FALSE((*judged)[2].white()) << words_of((*judged)[2]);
+  // Half of the corners off by 0.05 px: 0.025 px rms about the mean, and the mean itself, 0.025 px, is common to all.
+  EXPECT_NEAR((*judged)[2].common_px, 0.035, 0.012);
+}
+
+TEST(UncertaintyPage, ShowsSectionsAndWords) {
+  const auto map = uncertainty_map(good(), {.section_steps = 15});
+  ASSERT_TRUE(map);
+  const std::string html = reports::uncertainty_page({"test", *map, *residual_whiteness(good()), {}, good().priors});
+  EXPECT_THAT(html, HasSubstr("section Z"));
+  EXPECT_THAT(html, HasSubstr("Phase noise"));
+  EXPECT_THAT(html, HasSubstr("residuals over the image"));
+}
+
+}  // namespace
+}  // namespace fringecal::metrology
