@@ -19,7 +19,7 @@ constexpr double kMaxStep = 6.0;    // footprints
 constexpr int kNormalHalf = 2;      // half the side of the neighbourhood of eq. 2, px
 constexpr int kMinNeighbours = 13;  // of 25: more than half, so that the middle is not an outer corner
 
-enum class Fate : std::uint8_t { point, invalid, no_intersection, edge, noisy };
+enum class Fate : std::uint8_t { point, invalid, no_intersection, edge, noisy, grazing };
 
 void check_they_belong_together(const decode::PhaseMap& map, const model::Scanner& scanner) {
   const model::Camera& camera = scanner.camera;
@@ -214,19 +214,32 @@ Reconstruction reconstruct(const decode::PhaseMap& map, const model::Scanner& sc
 
   const Rigid3 world_from_cam = scanner.world_from_cam();
   const Eigen::Matrix3d rotation = world_from_cam.rotation_matrix();
+  require(options.normals || !options.max_incidence_deg, "grazing points are found by their normals");
+  const double min_cosine =
+      options.max_incidence_deg ? std::cos(*options.max_incidence_deg * std::numbers::pi / 180) : -1.0;
+  const Eigen::Vector3d light_in_cam = scanner.proj_from_cam.inverse().translation_mm;
   std::vector<std::vector<CloudPoint>> rows(static_cast<std::size_t>(map.height()));
-  std::vector<std::array<std::size_t, 5>> counts(rows.size());
+  std::vector<std::array<std::size_t, 6>> counts(rows.size());
   parallel_for(map.height(), [&](int y) {
     counts[y] = {};
     for (int x = 0; x < map.width(); ++x) {
       Fate fate = field.fate(x, y);
       // Written so that a NaN is refused.
       if (fate == Fate::point && !(field.u_along_ray_mm(x, y) <= options.max_u_along_ray_mm)) fate = Fate::noisy;
+      Eigen::Vector3d normal = Eigen::Vector3d::Zero();
+      if (fate == Fate::point && options.normals) {
+        normal = normal_at(field, continuous, x, y);
+        const Eigen::Vector3d p = field.point_in_cam(x, y);
+        const auto faces = [&](const Eigen::Vector3d& pupil) {
+          return normal.dot((pupil - p).normalized()) >= min_cosine;
+        };
+        if (!normal.isZero() && !(faces(Eigen::Vector3d::Zero()) && faces(light_in_cam))) fate = Fate::grazing;
+      }
       ++counts[y][static_cast<std::size_t>(fate)];
       if (fate != Fate::point) continue;
       CloudPoint& point = rows[y].emplace_back();
       point.position_mm = rotation * field.point_in_cam(x, y) + world_from_cam.translation_mm;
-      if (options.normals) point.normal = rotation * normal_at(field, continuous, x, y);
+      point.normal = rotation * normal;
       point.u_along_ray_mm = field.u_along_ray_mm(x, y);
       point.modulation = map.modulation(x, y);
       point.pixel_x = static_cast<std::uint16_t>(x);
@@ -242,6 +255,7 @@ Reconstruction reconstruct(const decode::PhaseMap& map, const model::Scanner& sc
     out.n_invalid += counts[y][static_cast<std::size_t>(Fate::invalid)];
     out.n_no_intersection += counts[y][static_cast<std::size_t>(Fate::no_intersection)];
     out.n_edge += counts[y][static_cast<std::size_t>(Fate::edge)];
+    out.n_grazing += counts[y][static_cast<std::size_t>(Fate::grazing)];
     out.n_noisy += counts[y][static_cast<std::size_t>(Fate::noisy)];
   }
   return out;
