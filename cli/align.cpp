@@ -2,6 +2,7 @@
 
 #include "calib/align_map.h"
 #include "calib/align_record.h"
+#include "cli/alignment_entry.h"
 #include "cli/commands.h"
 #include "core/capture.h"
 #include "core/error.h"
@@ -25,7 +26,7 @@ constexpr int kMaxTurns = 8;
 
 struct Options {
   std::vector<std::string> captures;
-  std::string axis = "x", order = "gray-first", record, output;
+  std::string axis = "x", order = "gray-first", record, output, history, identification;
   double pattern_pitch_mm = 0, tolerance = calib::AlignmentLoopOptions{}.tolerance_of_period, turned_mrad = 0;
   std::optional<double> mrad_per_division, theta_mrad;
   std::uint64_t seed = 1;
@@ -84,6 +85,7 @@ void align_capture(const Options& o) {
   calib::AlignmentIteration iteration{.capture = fmt::format("{}", fmt::join(o.captures, ", ")),
                                       .turn_before_rad = 1e-3 * o.turned_mrad};
   std::vector<calib::Misalignment> stacks;
+  AlignmentEntry entry{.scanner = o.identification.empty() ? "not stated" : o.identification, .ended = utc_now()};
   FringeCode code;
   for (const auto& name : o.captures) {
     if (std::count(o.captures.begin(), o.captures.end(), name) > 1) {
@@ -92,16 +94,24 @@ void align_capture(const Options& o) {
     const Capture capture = read_capture(name);
     layout = layout_of(o, capture.info.plan.code(axis));
     stacks.push_back(measure(capture, name, layout, axis));
+    entry.captures.push_back(capture.info);
+    entry.inputs.emplace_back(name, sha256_of_file(fs::path(name) / "capture.json"));
     code = *capture.info.plan.code(axis);
   }
   iteration.measured = stacks.size() == 1 ? stacks.front() : calib::average_of(stacks, layout, code);
   history.readings.push_back({iteration.measured.theta_rad, iteration.turn_before_rad});
   iteration.step = calib::next_step(history.readings, iteration.measured, code.period, loop_options(o));
   if (!o.record.empty()) write_atomically(o.record, to_json(calib::record_of(history, iteration)));
+  std::string recorded;
+  if (!o.history.empty()) {
+    history.iterations.push_back(calib::to_value(iteration));
+    recorded = append_words(o.history, record_of(entry, history.iterations, entry.inputs.back().first));
+  }
   if (o.json) {
     fmt::print("{}", to_json(calib::to_value(iteration)));
   } else {
     print(iteration);
+    fmt::print("{}", recorded);
   }
 }
 
@@ -150,11 +160,23 @@ void align_virtual(const Options& o) {
   const Value record = calib::record_of(iterations);
   write_atomically(folder.working() / "alignment.json", to_json(record));
   folder.commit();
+  std::string recorded;
+  if (!o.history.empty()) {
+    const fs::path file = fs::path(o.output) / "alignment.json";
+    recorded = append_words(
+        o.history,
+        record_of({.scanner = o.identification.empty() ? fmt::format("virtual scanner chen2008, instrument {}", o.seed)
+                                                       : o.identification,
+                   .ended = utc_now(),
+                   .inputs = {{"alignment.json", sha256_of_file(file)}}},
+                  calib::read_record(file).iterations, file.string()));
+  }
   if (o.json) {
     fmt::print("{}", to_json(record));
   } else {
     fmt::print("{} after {} turns; record and profiles in {}\n", calib::name_of(iterations.back().step.decision),
                iterations.size() - 1, o.output);
+    fmt::print("{}", recorded);
   }
 }
 
@@ -194,6 +216,9 @@ void add_align(CLI::App& app) {
       ->check(CLI::Range(-3.0, 3.0));
   command->add_option("-o,--output", o->output,
                       "Virtual scanner: folder for alignment.json, the profiles and the maps of delta");
+  command->add_option("--history", o->history,
+                      "History to append the result to, as found and as left (made if it is not there)");
+  command->add_option("--identification", o->identification, "The scanner, as its history shall name it");
   command->add_flag("--json", o->json, "Print the result as JSON");
   command->footer(
       "Examples:\n  fringecal align captures/flat_1 --pattern-pitch-mm 12 --record alignment.json\n"

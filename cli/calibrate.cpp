@@ -7,6 +7,7 @@
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/file.h"
+#include "metrology/instrument_record.h"
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -22,7 +23,7 @@ using calib::DistortionTerms;
 
 struct Options {
   std::vector<std::filesystem::path> captures, flat;
-  std::string board, output;
+  std::string board, output, history;
   CornerOptions corners;  // its fields that calibrate has too are filled in from here
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;
@@ -183,6 +184,15 @@ void run(const Options& options) {
   const auto with_paper = calib::with_paper_models(*scanner);
   if (with_paper) scanner = with_paper;
   model::write_scanner(options.output, *scanner);
+  if (!options.history.empty()) {
+    auto record = metrology::record_of(*scanner, utc_now());
+    std::vector<CaptureInfo> infos;
+    for (const auto& folder : options.captures) infos.push_back(read_capture_info(folder));
+    if (auto temperature = metrology::temperature_of(infos)) record.quantities.push_back(*temperature);
+    record.provenance.inputs.emplace_back("scanner", sha256_of_file(options.output));
+    metrology::History history(options.history, metrology::History::Access::write);
+    metrology::append_once(history, record);
+  }
   if (options.json) {
     print_json(options, *scanner, views.dropped);
   } else {
@@ -258,6 +268,7 @@ void add_calibrate(CLI::App& app) {
       ->add_option("--working-distance-mm", options->working_distance_mm,
                    "Distance L of the reference plane (default: the boards' mean distance)")
       ->check(CLI::PositiveNumber);
+  command->add_option("--history", options->history, "History to append the calibration to (made if it is not there)");
   command->add_option("--min-poses", options->min_poses, "Refuse with fewer poses than this (at least 3)")
       ->check(CLI::Range(3, 1000));
   command->add_option("--flat", options->flat,

@@ -15,7 +15,7 @@ namespace {
 
 struct Options {
   bool on_virtual = false, fresh = false, json = false;
-  std::string output = "commissioning";
+  std::string output = "commissioning", history;
   CommissionChoices choices;
   CommissionScannerOptions scanner;
 };
@@ -58,6 +58,7 @@ void commission(const Options& options) {
   progress.done(Weights::report);
   took("report");
   progress.finish_step(fmt::format("report written: {}; {}", session.path("report.html").string(), times));
+  if (!options.history.empty()) record_step(session, options.history);
   fmt::print("{}", options.json ? to_json(reports::to_value(report)) : summary_table(report));
 }
 
@@ -94,8 +95,10 @@ void add_commission(CLI::App& app) {
       ->add_option("--frame-log", options->scanner.frame_log,
                    "Have the virtual scanner append id and SHA-256 of every frame that it sends to this file")
       ->excludes(in_process);
+  command->add_option("--history", options->history,
+                      "History to append the alignment and the calibration to (made if it is not there)");
   command->add_flag("--json", options->json, "Print report.json instead of the table");
-  command->footer("Example: fringecal commission --virtual --output ./commissioning --seed 7");
+  command->footer("Example: fringecal commission --virtual --output ./commissioning --seed 7 --history history.db");
   command->callback([options] { commission(*options); });
 }
 

@@ -49,6 +49,10 @@ model::PhaseLinearisation load_linearisation(const CommissionSession& session);
 void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
 void verify_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
 
+/// The alignment, as found and as left, and the calibration as entries of a history; once, however often the
+/// commissioning is continued.
+void record_step(const CommissionSession& session, const std::string& history);
+
 /// Everything the report shows, read from the session's files.
 reports::CommissioningReport gather_report(const CommissionSession& session, const CommissionScanner& commissioned);
 

@@ -4,6 +4,7 @@
 #include "core/error.h"
 #include "core/file.h"
 #include "metrology/history_series.h"
+#include "metrology/instrument_record.h"
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -19,27 +20,29 @@ using metrology::History;
 
 struct Options {
   std::string file = "history.db", kind, head, symbol, artefact, position, output;
+  int last = 40;
   bool json = false;
 };
-
-std::string summary_of(const metrology::HistoryEntry& entry) {
-  if (entry.kind != "verification") return "";
-  const auto v = metrology::verification_of(entry);
-  const auto verdict = metrology::verdict_of(v);
-  return fmt::format("{}, {}: {}", v.plan, v.scanner, verdict ? name_of(*verdict) : "no limits");
-}
 
 void list(const Options& o) {
   const History history(o.file, History::Access::read);
   Value out = Value::array();
-  for (const auto& e : history.entries(o.kind.empty() ? std::nullopt : std::optional(o.kind))) {
-    if (o.json) {
-      out.append(Value::object().set("number", e.number).set("date", e.date).set("kind", e.kind).set("hash", e.hash));
-    } else {
-      fmt::print("{:>6}  {}  {:<14}{}  {}\n", e.number, e.date, e.kind, e.hash.substr(0, 12), summary_of(e));
-    }
-  }
-  if (o.json) fmt::print("{}", to_json(out));
+  std::string lines;
+  history.each(
+      [&](const metrology::HistoryView& e) {
+        if (o.json) {
+          out.append(Value::object()
+                         .set("number", e.number)
+                         .set("date", std::string(e.date))
+                         .set("kind", std::string(e.kind))
+                         .set("hash", std::string(e.hash)));
+        } else {
+          lines += fmt::format("{:>6}  {}  {:<14}{}  {}\n", e.number, e.date, e.kind, e.hash.substr(0, 12),
+                               metrology::summary_of(e));
+        }
+      },
+      o.kind.empty() ? std::nullopt : std::optional(o.kind));
+  fmt::print("{}", o.json ? to_json(out) : lines);
 }
 
 void show(const Options& o, std::int64_t number) {
@@ -79,29 +82,32 @@ void export_csv(const Options& o) {
 }
 
 void chart(const Options& o) {
-  const auto entries = History(o.file, History::Access::read).entries("verification");
+  const History history(o.file, History::Access::read);
   if (o.symbol.empty()) {
-    for (const auto& key : metrology::quantities_of(entries)) fmt::print("{:<16}{}\n", key.symbol, key.artefact);
+    for (const auto& key : metrology::quantities_of(history)) fmt::print("{:<36}{}\n", key.symbol, key.artefact);
     return;
   }
-  const auto series = metrology::series_of(
-      entries, {o.symbol, o.artefact, o.position.empty() ? std::nullopt : std::optional(o.position)});
+  const auto series =
+      metrology::series_of(history, {o.symbol, o.artefact.empty() ? metrology::kScannerItself : o.artefact,
+                                     o.position.empty() ? std::nullopt : std::optional(o.position)});
   if (series.values.empty()) {
-    throw InputError(fmt::format("{}: no verification has {} of {}; \"fringecal history chart\" lists what there is",
-                                 o.file, o.symbol, o.artefact));
+    throw InputError(fmt::format("{}: no record has {}{}; \"fringecal history chart\" lists what there is", o.file,
+                                 o.symbol, o.artefact.empty() ? " of the scanner itself" : " of " + o.artefact));
   }
   const auto chart = metrology::control_chart(series.values);
-  fmt::print("{} ({}), {}, {}\n\n", series.name, o.symbol, o.artefact, series.unit);
-  for (std::size_t i = 0; i < series.values.size(); ++i) {
+  fmt::print("{} ({}){}, {}\n\n", series.name, o.symbol, o.artefact.empty() ? "" : ", " + o.artefact, series.unit);
+  const std::size_t shown = std::min<std::size_t>(series.values.size(), static_cast<std::size_t>(o.last));
+  if (shown < series.values.size()) fmt::print("the last {} of {} values:\n", shown, series.values.size());
+  for (std::size_t i = series.values.size() - shown; i < series.values.size(); ++i) {
     std::string signals;
     if (chart) {
       for (const auto signal : chart->points[i].signals) signals += fmt::format(" {}", name_of(signal));
     }
-    fmt::print("{:>6}  {:+.5f} ± {:.5f}{}{}\n", series.numbers[i], series.values[i].value, series.U[i],
-               signals.empty() ? "" : "  signal:", signals);
+    fmt::print("{:>6}  {:+.6g}{}{}{}\n", series.numbers[i], series.values[i].value,
+               series.U[i] ? fmt::format(" ± {:.2g}", *series.U[i]) : "", signals.empty() ? "" : "  signal:", signals);
   }
   if (chart) {
-    fmt::print("\nmean of the first {}: {:+.5f}, s {:.5f}, limits of control {:+.5f} .. {:+.5f}\n", chart->n_baseline,
+    fmt::print("\nmean of the first {}: {:+.6g}, s {:.2g}, limits of control {:+.6g} .. {:+.6g}\n", chart->n_baseline,
                chart->mean, chart->s, chart->mean - 3 * chart->s, chart->mean + 3 * chart->s);
   } else {
     fmt::print("\n{}\n", chart.error().sentence);
@@ -143,14 +149,19 @@ void add_history(CLI::App& app) {
   check_command->callback([o] { check(*o); });
   auto* chart_command =
       command->add_subcommand("chart", "Control chart and forecast of a quantity; without one: which there are");
-  chart_command->add_option("symbol", o->symbol, "PS, PF, SD, F, ...");
-  chart_command->add_option("artefact", o->artefact, "Name of the artefact");
+  chart_command->add_option("symbol", o->symbol,
+                            "PS, PF, SD, F, ...; delta, theta, kc1, kc2, kp1, kp2, ...; temperature (of the room)");
+  chart_command->add_option("artefact", o->artefact, "Name of the artefact (default: the scanner itself)");
   chart_command->add_option("--position", o->position, "Only this position (default: the worst of each verification)");
+  chart_command->add_option("--last", o->last, "Print this many of the newest values; all take part")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   chart_command->callback([o] { chart(*o); });
   auto* export_command = command->add_subcommand("export", "All quantities of all verifications as CSV");
   export_command->add_option("-o,--output", o->output, "File to write (default: stdout)");
   export_command->callback([o] { export_csv(*o); });
-  command->footer("Example: fringecal history --file history.db chart SD bar150");
+  command->footer(
+      "Example: fringecal history --file history.db chart SD bar150; ... chart delta --position \"as found\"");
 }
 
 }  // namespace fringecal::cli

@@ -57,6 +57,7 @@ Value summary_of(const Options& o, const metrology::Reconstruction& result, cons
                            .set("invalid", invalid)
                            .set("edge", result.n_edge)
                            .set("no intersection", result.n_no_intersection)
+                           .set("grazing", result.n_grazing)
                            .set("noisy", result.n_noisy))
       .set("min_mm", Value::numbers(summary.min_mm))
       .set("max_mm", Value::numbers(summary.max_mm))
@@ -99,7 +100,8 @@ void measure(Options& o) {
   for (std::size_t i = 1; i < pixels.size(); ++i) {
     fmt::print(" {} {},", decode::name_of(static_cast<decode::Validity>(i)), pixels[i]);
   }
-  fmt::print(" edge {}, no intersection {}, noisy {}\n", result.n_edge, result.n_no_intersection, result.n_noisy);
+  fmt::print(" edge {}, no intersection {}, grazing {}, noisy {}\n", result.n_edge, result.n_no_intersection,
+             result.n_grazing, result.n_noisy);
 }
 
 }  // namespace
@@ -121,6 +123,11 @@ void add_measure(CLI::App& app) {
                    "Leave out points with a larger standard uncertainty along the camera's ray, mm")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
+  command
+      ->add_option(
+          "--max-incidence", o->reconstruct.max_incidence_deg,
+          "Leave out points that camera or light see at more than this angle from the normal, degrees (default: none)")
+      ->check(CLI::Range(10.0, 89.0));
   command
       ->add_option("--edge-margin", o->reconstruct.edge_margin_px,
                    "Leave out pixels this near to a pixel without point or to a jump in depth")

@@ -1,19 +1,36 @@
-// fringecal plan: what a verification plan asks for, and its text to start from.
+// fringecal plan: what a verification plan asks for, its text to start from, what it will know, and what is still missing.
 #include "metrology/plan.h"
 #include "cli/commands.h"
+#include "cli/virtual_verification.h"
+#include "core/error.h"
+#include "core/file.h"
+#include "metrology/prediction.h"
+#include "reports/plan_page.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <memory>
 
 namespace fringecal::cli {
 namespace {
 
+namespace fs = std::filesystem;
+
 struct Options {
-  std::string name;
-  bool print = false;
+  std::string name, scanner, artefacts, commissioning, page, record;
+  double u_phase_mrad = 9, temperature_degC = 20, u_temperature_degC = 0.2;
+  bool print = false, json = false;
 };
+
+std::string limits_of(const std::optional<metrology::Limits>& limits) {
+  if (!limits) return "no limit";
+  if (limits->lower && limits->upper) return fmt::format("{:+g} .. {:+g}", *limits->lower, *limits->upper);
+  return limits->upper ? fmt::format("<= {:g}", *limits->upper) : fmt::format(">= {:g}", *limits->lower);
+}
 
 void show(const metrology::Plan& plan) {
   fmt::print("{}: {}\nsource: {}\nrule: {}\n", plan.name, plan.title, plan.source,
@@ -24,16 +41,117 @@ void show(const metrology::Plan& plan) {
                fmt::join(series.artefacts, ", "), metrology::capture_name(series, 0),
                metrology::capture_name(series, series.captures - 1));
     for (const auto& q : series.quantities) {
-      std::string limits = "no limit";
-      if (q.limits && q.limits->lower && q.limits->upper) {
-        limits = fmt::format("{:+g} .. {:+g} mm", *q.limits->lower, *q.limits->upper);
-      } else if (q.limits) {
-        limits =
-            q.limits->upper ? fmt::format("<= {:g} mm", *q.limits->upper) : fmt::format(">= {:g} mm", *q.limits->lower);
-      }
-      fmt::print("  {:<18}{:<48}{}\n", q.symbol, q.name, limits);
+      fmt::print("  {:<18}{:<48}{}{}\n", q.symbol, q.name, limits_of(q.limits), q.limits ? " mm" : "");
     }
   }
+}
+
+/// The larger of the limits' distances from zero: what U is a share of.
+std::optional<double> width_of(const std::optional<metrology::Limits>& limits) {
+  if (!limits) return std::nullopt;
+  return std::max(std::abs(limits->lower.value_or(0)), std::abs(limits->upper.value_or(0)));
+}
+
+std::string share_of(const metrology::Quantity& q) {
+  const auto width = width_of(q.limits);
+  return width && *width > 0 ? fmt::format("{:.0f} %", 100 * q.uncertainty.U / *width) : "-";
+}
+
+std::string later_of(const metrology::Quantity& q) {
+  return q.u_of_later_measurements ? fmt::format("{:.4f}", *q.u_of_later_measurements) : "-";
+}
+
+/// Outlines of the artefacts of a series at all their places.
+reports::PlanPageSeries outlines(const metrology::Series& series, const std::vector<metrology::Gauge>& gauges) {
+  reports::PlanPageSeries out{.label = series.scene, .lines = {}};
+  for (int i = 0; i < (series.repeats ? 1 : series.captures); ++i) {
+    for (const auto& line : metrology::outlines_of(series, i, gauges)) {
+      reports::SpaceLine one;
+      for (const auto& p : line) {
+        one.x.push_back(p.x());
+        one.y.push_back(p.y());
+        one.z.push_back(p.z());
+      }
+      out.lines.push_back(std::move(one));
+    }
+  }
+  return out;
+}
+
+std::vector<reports::SpaceLine> closed(const std::vector<std::vector<Eigen::Vector3d>>& lines) {
+  std::vector<reports::SpaceLine> out;
+  for (const auto& line : lines) {
+    reports::SpaceLine one;
+    for (std::size_t k = 0; k <= line.size() && !line.empty(); ++k) {
+      const auto& p = line[k % line.size()];
+      one.x.push_back(p.x());
+      one.y.push_back(p.y());
+      one.z.push_back(p.z());
+    }
+    out.push_back(std::move(one));
+  }
+  return out;
+}
+
+void predict(const metrology::Plan& plan, const Options& o) {
+  const auto gauges =
+      o.artefacts.empty() ? VirtualVerification(o.commissioning).gauges() : metrology::read_gauges(o.artefacts);
+  const auto scanner =
+      model::read_scanner(o.scanner.empty() ? (fs::path(o.commissioning) / "scanner.json").string() : o.scanner);
+  const metrology::PredictOptions options{.u_phase_rad = 1e-3 * o.u_phase_mrad,
+                                          .environment = {o.temperature_degC, o.u_temperature_degC, {}}};
+  const auto predicted = metrology::predict(plan, gauges, scanner, options);
+  if (!predicted) throw InputError(fmt::format("{}: {}", plan.name, predicted.error().sentence));
+  reports::PlanPage page{.title = fmt::format("{}: {}", plan.name, plan.title),
+                         .scanner = fmt::format("Scanner {}, base line {:.1f} mm, working distance {:.0f} mm",
+                                                scanner.name, scanner.base_mm(), scanner.working_distance_mm),
+                         .assumption = fmt::format(
+                             "Phase noise {:g} mrad on a white board square to the light, {:g} degC with u = {:g} K; "
+                             "certificates and calibration as in their files.",
+                             o.u_phase_mrad, o.temperature_degC, o.u_temperature_degC)};
+  fmt::print("\n{}\n{:<16}{:<10}{:<22}{:>10}  {:<18}{:>14}{:>12}\n", page.assumption, "quantity", "artefact",
+             "position", "U / mm", "limits / mm", "U of the limit", "u later / mm");
+  for (const auto& series : *predicted) {
+    for (const auto& q : series.quantities) {
+      const std::string U = fmt::format("{:.4f}", q.uncertainty.U);
+      fmt::print("{:<16}{:<10}{:<22}{:>10}  {:<18}{:>14}{:>12}\n", q.symbol, q.artefact, q.position, U,
+                 limits_of(q.limits), share_of(q), later_of(q));
+      page.rows.push_back({q.symbol, q.artefact, q.position, U, limits_of(q.limits), share_of(q), later_of(q)});
+    }
+    for (const auto& problem : series.problems) {
+      fmt::print("cannot be evaluated: {}\n", problem);
+      page.problems.push_back("Cannot be evaluated: " + problem);
+    }
+  }
+  if (o.page.empty()) return;
+  for (const auto& series : plan.series) page.series.push_back(outlines(series, gauges));
+  const auto fields = metrology::fields_of(plan, scanner);
+  page.camera_field = closed(fields.camera);
+  page.coded_field = closed(fields.code);
+  write_atomically(o.page, reports::plan_page(page));
+  fmt::print("\npositions drawn in {}\n", o.page);
+}
+
+/// What of the plan a folder of captures, or of a verification, has.
+void compare_with(const metrology::Plan& plan, const fs::path& folder) {
+  if (!fs::is_directory(folder)) throw InputError(fmt::format("{}: is not a folder", folder.string()));
+  std::vector<std::string> missing;
+  int all = 0, evaluated = 0, captured = 0;
+  for (const auto& series : plan.series) {
+    for (int i = 0; i < series.captures; ++i) {
+      const std::string name = metrology::capture_name(series, i);
+      ++all;
+      if (fs::exists(folder / "captures" / (name + ".json"))) {
+        ++evaluated;
+      } else if (fs::exists(folder / name / "capture.json")) {
+        ++captured;
+      } else {
+        missing.push_back(name);
+      }
+    }
+  }
+  fmt::print("\n{}: {} of {} captures evaluated, {} captured; ", folder.string(), evaluated, all, captured);
+  fmt::print("{}\n", missing.empty() ? "nothing is missing" : fmt::format("missing: {}", fmt::join(missing, ", ")));
 }
 
 void plan(const Options& o) {
@@ -41,21 +159,50 @@ void plan(const Options& o) {
     for (const auto& name : metrology::shipped_plans()) {
       fmt::print("{:<14}{}\n", name, metrology::read_plan(name).title);
     }
-  } else if (o.print) {
-    fmt::print("{}", metrology::plan_text(o.name));
-  } else {
-    show(metrology::read_plan(o.name));
+    return;
   }
+  if (o.print) {
+    fmt::print("{}", metrology::plan_text(o.name));
+    return;
+  }
+  const auto plan = metrology::read_plan(o.name);
+  show(plan);
+  if (!o.scanner.empty() && o.artefacts.empty() && o.commissioning.empty()) {
+    throw InputError("--scanner needs the artefacts that will be used; give --artefacts");
+  }
+  if (!o.commissioning.empty() || !o.scanner.empty()) predict(plan, o);
+  if (!o.record.empty()) compare_with(plan, o.record);
 }
 
 }  // namespace
 
 void add_plan(CLI::App& app) {
   auto o = std::make_shared<Options>();
-  auto* command = app.add_subcommand("plan", "What a verification plan asks for; without a name: the shipped plans");
+  auto* command =
+      app.add_subcommand("plan",
+                         "What a verification plan asks for, and with a scanner what it will know; without a "
+                         "name: the shipped plans");
   command->add_option("name", o->name, "A shipped plan or a plan file");
   command->add_flag("--print", o->print, "Print the text of a shipped plan, to start a plan of one's own from");
-  command->footer("Example: fringecal plan vdi2634-2 --print > acceptance.toml");
+  command->add_option("--scanner", o->scanner,
+                      "Scanner file: predict the uncertainty of each quantity before any capture");
+  command->add_option("--artefacts", o->artefacts, "artefacts.toml, for the prediction");
+  command->add_option("--commissioning", o->commissioning,
+                      "Commissioning of the virtual scanner, instead of --scanner and --artefacts");
+  command->add_option("--phase-noise", o->u_phase_mrad, "Of a pixel, on a white board square to the light, mrad")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--temperature", o->temperature_degC, "Expected of the artefacts, degC")->capture_default_str();
+  command->add_option("--u-temperature", o->u_temperature_degC, "Its standard uncertainty, K")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command->add_option("--page", o->page, "HTML page to write: the positions drawn in the volume, and the prediction");
+  command->add_option("--record", o->record,
+                      "Folder of captures or of a verification: say what of the plan is missing");
+  command->footer(
+      "Examples:\n  fringecal plan vdi2634-2 --print > acceptance.toml\n"
+      "  fringecal plan vdi2634-2 --scanner scanner.json --artefacts artefacts.toml --page plan.html\n"
+      "  fringecal plan vdi2634-2 --record acceptance");
   command->callback([o] { plan(*o); });
 }
 

@@ -1,7 +1,7 @@
 // fringecal verify: a plan carried out, evaluated and judged; resumable. On the virtual scanner by itself, on a real one
 // from the captures that the plan asks for.
-#include "calib/decode/corrections.h"
 #include "cli/commands.h"
+#include "cli/daily_check.h"
 #include "cli/progress.h"
 #include "cli/virtual_verification.h"
 #include "core/capture.h"
@@ -23,8 +23,11 @@ namespace fringecal::cli {
 namespace {
 namespace fs = std::filesystem;
 
+constexpr const char* kDiagnosis = "captures/diagnosis.json";  // before the limits are looked at
+
 struct Options {
-  std::string plan = "paper", scanner, artefacts, captures, output = "verification", history, identification, rule;
+  std::string plan = "paper", scanner, artefacts, captures, output = "verification", history, identification, rule,
+              baseline, fault;
   std::string commissioning = "commissioning";
   double temperature_degC = 20, u_temperature_degC = 0.2;
   bool on_virtual = false, accept_expired = false, json = false;
@@ -36,6 +39,7 @@ struct Source {
   fs::path captures, scanner_file;
   std::string identification;
   std::vector<metrology::Gauge> gauges;
+  std::optional<metrology::Baseline> baseline;  // of a plan that diagnoses
 };
 
 Source open_source(const Options& o) {
@@ -46,6 +50,7 @@ Source open_source(const Options& o) {
     s.identification = s.instrument->identification();
     s.gauges = o.artefacts.empty() ? s.instrument->gauges() : metrology::read_gauges(o.artefacts);
   } else {
+    if (!o.fault.empty()) throw InputError("--fault is for the virtual scanner; add --virtual");
     if (o.captures.empty() || o.scanner.empty() || o.artefacts.empty()) {
       throw InputError("verify: give --captures, --scanner and --artefacts of a real scanner, or --virtual");
     }
@@ -71,6 +76,11 @@ void refuse_expired(const metrology::Plan& plan, const Source& source, const std
   }
 }
 
+Capture capture_of(const metrology::Plan& plan, const metrology::Series& series, int i, const Source& source) {
+  return source.instrument ? source.instrument->capture(plan.name, series.scene, i)
+                           : read_capture(source.captures / metrology::capture_name(series, i));
+}
+
 /// The result of one capture: kept from an earlier call, or made now. Empty: the capture is not there.
 std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, const metrology::Series& series, int i,
                                                   const Source& source, const model::Scanner& scanner,
@@ -79,13 +89,24 @@ std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, c
   const fs::path file = folder / "captures" / (name + ".json");
   if (fs::exists(file)) return metrology::capture_result_from(read_json(file), file.string());
   if (!source.instrument && !fs::exists(source.captures / name / "capture.json")) return std::nullopt;
-  const Capture capture =
-      source.instrument ? source.instrument->capture(plan.name, series.scene, i) : read_capture(source.captures / name);
-  const auto measured = decode::decode_for_measuring(capture, scanner.projector.main_axis(),
-                                                     scanner.linearisation ? &*scanner.linearisation : nullptr);
-  const auto cloud = metrology::reconstruct(measured.map, scanner, {.normals = false}).cloud;
+  const Capture capture = capture_of(plan, series, i, source);
+  const auto cloud = cloud_of(capture, scanner);
   const auto result = metrology::evaluate_capture(plan, series, i, source.gauges, cloud, scanner);
   if (!result) throw InputError(fmt::format("{}: {}", name, result.error().sentence));
+  if (plan.diagnose) {
+    const metrology::Observation observation{cloud, scanner, gauges_in(series, source.gauges), room_of(capture)};
+    const auto symptoms = metrology::symptoms_of(observation, source.baseline);
+    if (!symptoms) throw InputError(fmt::format("{}: {}", name, symptoms.error().sentence));
+    write_atomically(folder / kDiagnosis, to_json(metrology::to_value(metrology::diagnose(*symptoms))));
+    if (!source.baseline) {
+      auto baseline = metrology::baseline_of(observation);
+      if (baseline) {
+        baseline->date = utc_now();
+        baseline->scanner_file_sha256 = sha256_of_file(source.scanner_file);
+        write_atomically(folder / "baseline.json", to_json(metrology::to_value(*baseline)));
+      }
+    }
+  }
   write_atomically(file, to_json(metrology::to_value(*result)));
   return *result;
 }
@@ -109,15 +130,47 @@ void print_table(const metrology::Verification& v) {
     fmt::print("{:<16}{:<10}{:<22}{:>24}  {:<18}{}\n", q.symbol, q.artefact, q.position, plus_minus(q), limits_of(q),
                q.judgement ? name_of(q.judgement->verdict) : "-");
   }
+  for (const auto& s : v.summaries) {
+    fmt::print("{} of {}: mean {:+.4f} mm, repeatability {:.4f} mm{}\n", s.symbol, s.artefact, s.mean_mm,
+               s.repeatability_mm,
+               s.repeats ? fmt::format(" ({} repeats)", s.captures)
+                         : fmt::format(", reproducibility over {} places {:.4f} mm", s.captures, s.reproducibility_mm));
+  }
   if (const auto verdict = metrology::verdict_of(v)) {
     fmt::print("\nVerdict: {}. {}\n", name_of(*verdict), metrology::sentence_of(v.decision_rule));
   }
 }
 
+/// What the light and the room were when the scanner was in order.
+void take_baseline(const Options& o, const metrology::Plan& plan, const model::Scanner& scanner, Source& source) {
+  if (!plan.diagnose) return;
+  const fs::path beside = fs::path(o.commissioning) / "baseline.json";
+  if (!o.baseline.empty()) {
+    source.baseline = metrology::read_baseline(o.baseline);
+  } else if (source.instrument && fs::exists(beside)) {
+    source.baseline = metrology::read_baseline(beside);
+  } else if (source.instrument) {
+    source.baseline = virtual_baseline(*source.instrument, plan, scanner);
+    write_atomically(beside, to_json(metrology::to_value(*source.baseline)));
+  }
+}
+
+void print_diagnosis(const metrology::Diagnosis& d) {
+  fmt::print("\n{}\n", d.sentence);
+  fmt::print("  {:<34}{:>12}\n", "healthy", fmt::format("{:.3g}", d.probability_healthy));
+  for (const auto& c : d.causes) {
+    if (c.probability < 1e-3) continue;
+    fmt::print("  {:<34}{:>12}", c.name, fmt::format("{:.3g}", c.probability));
+    for (const auto& a : c.amplitudes) fmt::print("  {} {:+.3g} ± {:.2g} {}", a.name, a.value, 2 * a.u, a.unit);
+    fmt::print("\n");
+  }
+  for (const auto& remark : d.remarks) fmt::print("  remark: {}\n", remark);
+}
+
 void verify(const Options& o) {
   metrology::Plan plan = metrology::read_plan(o.plan);
   if (!o.rule.empty()) plan.decision_rule = metrology::decision_rule_from(o.rule);
-  const Source source = open_source(o);
+  Source source = open_source(o);
   metrology::Verification v{.plan = plan.name,
                             .plan_source = plan.source,
                             .plan_unchecked = plan.unchecked,
@@ -130,6 +183,12 @@ void verify(const Options& o) {
   refuse_expired(plan, source, v.begun, o.accept_expired);
   const auto scanner = model::read_scanner(source.scanner_file);
   const fs::path folder = o.output;
+  take_baseline(o, plan, scanner, source);
+  if (!o.fault.empty()) {
+    const Injection injection = injection_of(o.fault);
+    source.instrument->befall(injection.faults, injection.room_degC);
+    alter_certificate(injection, source.gauges);
+  }
   double captures = 0;
   for (const auto& series : plan.series) captures += series.captures;
   Progress progress(captures);
@@ -159,6 +218,9 @@ void verify(const Options& o) {
          metrology::evaluate_series(plan, plan.series[s], source.gauges, results[s], {.environment = v.environment})) {
       v.quantities.push_back(std::move(q));
     }
+    for (auto& summary : metrology::summaries_of(plan.series[s], source.gauges, results[s], v.environment)) {
+      v.summaries.push_back(std::move(summary));
+    }
     for (const auto& name : plan.series[s].artefacts) {
       if (std::find(listed.begin(), listed.end(), name) != listed.end()) continue;
       listed.push_back(name);
@@ -174,6 +236,11 @@ void verify(const Options& o) {
     }
   }
   v.ended = utc_now();
+  if (plan.diagnose) {
+    const bool violated = metrology::verdict_of(v) == metrology::Verdict::fail;
+    v.diagnosis = metrology::with_limits(
+        metrology::diagnosis_from(Fields(read_json(folder / kDiagnosis), (folder / kDiagnosis).string())), violated);
+  }
   v.provenance.inputs.emplace_back("scanner", v.scanner_file_sha256);
   const Value record = metrology::to_value(v);
   write_atomically(folder / "verification.json", to_json(record));
@@ -187,6 +254,7 @@ void verify(const Options& o) {
     fmt::print("{}", to_json(record));
   } else {
     print_table(v);
+    if (v.diagnosis) print_diagnosis(*v.diagnosis);
   }
 }
 
@@ -212,6 +280,13 @@ void add_verify(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--rule", o->rule,
                       "Decision rule instead of the plan's: iso_14253_1, simple, guarded, four_outcomes");
+  command->add_option(
+      "--baseline", o->baseline,
+      "Plans that diagnose: baseline.json of a day when the scanner was in order (a check without one leaves "
+      "it in its folder; with --virtual: of the commissioning)");
+  command->add_option("--fault", o->fault,
+                      "Virtual scanner: what befell it since; base_line, knocked_camera, dirty_projector, warm_room, "
+                      "wrong_certificate");
   command->add_flag("--accept-expired", o->accept_expired,
                     "Use an artefact whose certificate has run out; stated in the record");
   command->add_flag("--json", o->json, "Print verification.json instead of the table");

@@ -52,6 +52,43 @@ virt::PresetOverrides overrides_of(const std::filesystem::path& file) {
 
 }  // namespace
 
+std::vector<metrology::Gauge> gauges_of(const virt::VirtualScanner& instrument, std::uint64_t instrument_seed) {
+  using metrology::Gauge;
+  using metrology::GaugeKind;
+  const auto gauge = [&](const char* name, GaugeKind kind, double expansion) {
+    Gauge g{.name = name, .kind = kind};
+    g.expansion_per_K = expansion;
+    g.u_expansion_per_K = 0.05 * expansion;
+    g.U_form_mm = 0.0004;
+    g.certificate = fmt::format("VIRTUAL-{}-{}", instrument_seed, name);
+    g.laboratory = "virtual laboratory";
+    g.date = "2026-01-01";
+    g.valid_until = "2099-12-31";
+    return g;
+  };
+  constexpr double kSteel = 11.5e-6, kCeramic = 5.5e-6, kCarbonFibre = 1.0e-6;  // 1/K
+  std::vector<Gauge> out;
+  for (const char* name : {"sphere50", "sphere38", "sphere30", "cylinder"}) {
+    const auto certificate = instrument.certificate_mm(name);
+    Gauge g = gauge(name, std::string(name) == "cylinder" ? GaugeKind::cylinder : GaugeKind::sphere, kCeramic);
+    g.diameter_mm = {certificate.value};
+    g.U_diameter_mm = 2 * certificate.u;
+    out.push_back(g);
+  }
+  out.push_back(gauge("flat", GaugeKind::flat, kSteel));
+  if (instrument.has_standard_scene("ball_bar 0")) {
+    const auto a = instrument.certificate_mm("bar_a"), b = instrument.certificate_mm("bar_b"),
+               bar = instrument.certificate_mm("bar");
+    Gauge g = gauge("bar150", GaugeKind::ball_bar, kCarbonFibre);
+    g.diameter_mm = {a.value, b.value};
+    g.U_diameter_mm = 2 * std::max(a.u, b.u);
+    g.distance_mm = bar.value;
+    g.U_distance_mm = 2 * bar.u;
+    out.push_back(g);
+  }
+  return out;
+}
+
 VirtualVerification::VirtualVerification(const std::filesystem::path& folder)
     : folder_(folder),
       preset_(text_at(folder, "commission.json", "preset")),
@@ -73,41 +110,9 @@ std::string VirtualVerification::identification() const {
   return fmt::format("virtual scanner {}, instrument {}", preset_, seed_);
 }
 
-std::vector<metrology::Gauge> VirtualVerification::gauges() const {
-  using metrology::Gauge;
-  using metrology::GaugeKind;
-  const auto gauge = [&](const char* name, GaugeKind kind, double expansion) {
-    Gauge g{.name = name, .kind = kind};
-    g.expansion_per_K = expansion;
-    g.u_expansion_per_K = 0.05 * expansion;
-    g.U_form_mm = 0.0004;
-    g.certificate = fmt::format("VIRTUAL-{}-{}", seed_, name);
-    g.laboratory = "virtual laboratory";
-    g.date = "2026-01-01";
-    g.valid_until = "2099-12-31";
-    return g;
-  };
-  constexpr double kSteel = 11.5e-6, kCeramic = 5.5e-6, kCarbonFibre = 1.0e-6;  // 1/K
-  std::vector<Gauge> out;
-  for (const char* name : {"sphere50", "sphere38", "sphere30", "cylinder"}) {
-    const auto certificate = instrument_.certificate_mm(name);
-    Gauge g = gauge(name, std::string(name) == "cylinder" ? GaugeKind::cylinder : GaugeKind::sphere, kCeramic);
-    g.diameter_mm = {certificate.value};
-    g.U_diameter_mm = 2 * certificate.u;
-    out.push_back(g);
-  }
-  out.push_back(gauge("flat", GaugeKind::flat, kSteel));
-  if (instrument_.has_standard_scene("ball_bar 0")) {
-    const auto a = instrument_.certificate_mm("bar_a"), b = instrument_.certificate_mm("bar_b"),
-               bar = instrument_.certificate_mm("bar");
-    Gauge g = gauge("bar150", GaugeKind::ball_bar, kCarbonFibre);
-    g.diameter_mm = {a.value, b.value};
-    g.U_diameter_mm = 2 * std::max(a.u, b.u);
-    g.distance_mm = bar.value;
-    g.U_distance_mm = 2 * bar.u;
-    out.push_back(g);
-  }
-  return out;
+void VirtualVerification::befall(const virt::Faults& faults, double room_degC) {
+  state_.faults = faults;
+  state_.room_degC = room_degC;
 }
 
 Capture VirtualVerification::capture(const std::string& plan, const std::string& scene, int place) const {
@@ -119,7 +124,8 @@ Capture VirtualVerification::capture(const std::string& plan, const std::string&
                     name));
   }
   const std::string hash = sha256_hex(fmt::format("{}/verify/{}/{}", seed_, plan, name));
-  return instrument_.capture(instrument_.standard_scene(name), state_, std::stoull(hash.substr(0, 16), nullptr, 16));
+  return instrument_.capture(instrument_.standard_scene(name, state_.room_degC), state_,
+                             std::stoull(hash.substr(0, 16), nullptr, 16));
 }
 
 }  // namespace fringecal::cli

@@ -12,6 +12,9 @@
 
 namespace fringecal::cli {
 
+/// The certificates of the artefacts of that instance.
+std::vector<metrology::Gauge> gauges_of(const virt::VirtualScanner& instrument, std::uint64_t instrument_seed);
+
 class VirtualVerification {
  public:
   /// folder: a finished commissioning of the virtual scanner. Throws InputError where it is not one, or not finished.
@@ -20,9 +23,13 @@ class VirtualVerification {
   std::filesystem::path scanner_file() const { return folder_ / "scanner.json"; }
   std::string identification() const;
   /// The certificates of this instance's artefacts.
-  std::vector<metrology::Gauge> gauges() const;
+  std::vector<metrology::Gauge> gauges() const { return gauges_of(instrument_, seed_); }
+  /// From now on the instrument is no longer what was commissioned.
+  void befall(const virt::Faults& faults, double room_degC);
   /// plan: part of the stack's seed, so that two plans do not measure with the same noise.
   Capture capture(const std::string& plan, const std::string& scene, int place) const;
+  /// The true instrument. For tests only.
+  Value truth() const { return instrument_.truth(state_); }
 
  private:
   std::filesystem::path folder_;

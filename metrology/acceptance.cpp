@@ -18,18 +18,6 @@ namespace {
 constexpr int kValidationDigits = 1;
 constexpr std::size_t kThinned = 2000;  // points that carry the calibration's uncertainty: it is smooth over a feature
 
-ArtefactKind shape_of(GaugeKind kind) {
-  if (kind == GaugeKind::flat) return ArtefactKind::plane;
-  return kind == GaugeKind::cylinder ? ArtefactKind::cylinder : ArtefactKind::sphere;
-}
-
-std::vector<NominalArtefact> nominals_of(const Gauge& gauge) {
-  if (gauge.kind == GaugeKind::flat) return {{gauge.name, ArtefactKind::plane, 0}};
-  std::vector<NominalArtefact> out;
-  for (const double d : gauge.diameter_mm) out.push_back({gauge.name, shape_of(gauge.kind), d});
-  return out;
-}
-
 struct FormFigures {
   double range = 0, shell_95 = 0;
 };
@@ -47,8 +35,14 @@ FormFigures form_of(const fitting::FitQuality& quality) {
   return {kept.back() - kept.front(), at(0.975) - at(0.025)};
 }
 
-Result<FeatureResult> describe(const ArtefactMeasurement& m, fitting::Rejection rejection) {
-  FeatureResult out{.artefact = m.name};
+struct Described {
+  FeatureResult feature;
+  Eigen::Vector3d u_centre_mm = Eigen::Vector3d::Zero();  // of a sphere
+};
+
+Result<Described> describe(const ArtefactMeasurement& m, fitting::Rejection rejection) {
+  Described described{.feature = {.artefact = m.name}};
+  FeatureResult& out = described.feature;
   const fitting::FitOptions options{.rejection = rejection};
   const auto keep = [&](const fitting::FitQuality& quality) {
     const FormFigures form = form_of(quality);
@@ -68,6 +62,7 @@ Result<FeatureResult> describe(const ArtefactMeasurement& m, fitting::Rejection 
     if (!fit) return tl::unexpected(fit.error());
     keep(fit->quality);
     out.place_mm = fit->center_mm;
+    described.u_centre_mm = fit->u_center_mm;
     out.diameter_mm = fit->diameter_mm;
     out.u_noise_mm = fit->u_diameter_mm;
   } else {
@@ -78,21 +73,15 @@ Result<FeatureResult> describe(const ArtefactMeasurement& m, fitting::Rejection 
     out.diameter_mm = fit->diameter_mm;
     out.u_noise_mm = fit->u_diameter_mm;
   }
-  return out;
-}
-
-std::vector<Eigen::Vector3d> thinned(const std::vector<Eigen::Vector3d>& points) {
-  std::vector<Eigen::Vector3d> out;
-  const std::size_t step = std::max<std::size_t>(1, points.size() / kThinned);
-  for (std::size_t i = 0; i < points.size(); i += step) out.push_back(points[i]);
-  return out;
+  return described;
 }
 
 /// The distance of two spheres' centres, with what the calibration's uncertainty makes of it.
-Result<DistanceResult> distance_of(const ArtefactMeasurement& a, const ArtefactMeasurement& b, const FeatureResult& fa,
-                                   const FeatureResult& fb, const model::Scanner& scanner) {
-  auto points = thinned(a.points_mm);
-  const auto second = thinned(b.points_mm);
+Result<DistanceResult> distance_of(const ArtefactMeasurement& a, const ArtefactMeasurement& b, const Described& da,
+                                   const Described& db, const model::Scanner& scanner) {
+  const FeatureResult &fa = da.feature, &fb = db.feature;
+  auto points = thinned(a.points_mm, kThinned);
+  const auto second = thinned(b.points_mm, kThinned);
   points.insert(points.end(), second.begin(), second.end());
   const auto distance = [&](std::span<const Eigen::Vector3d> moved) -> Result<double> {
     // retriangulate() may leave points out, so they are told apart by the nearer centre.
@@ -108,10 +97,8 @@ Result<DistanceResult> distance_of(const ArtefactMeasurement& a, const ArtefactM
   const auto u = u_from_calibration(points, scanner, distance);
   if (!u) return tl::unexpected(u.error());
   const Eigen::Vector3d between = (fb.place_mm - fa.place_mm).normalized();
-  const auto fit_a = fitting::fit_sphere(a.points_mm), fit_b = fitting::fit_sphere(b.points_mm);
-  if (!fit_a || !fit_b) return unanswerable(fmt::format("{}: a sphere cannot be fitted", a.name));
   const double u_noise =
-      std::hypot(fit_a->u_center_mm.cwiseProduct(between).norm(), fit_b->u_center_mm.cwiseProduct(between).norm());
+      std::hypot(da.u_centre_mm.cwiseProduct(between).norm(), db.u_centre_mm.cwiseProduct(between).norm());
   return DistanceResult{a.name, (fa.place_mm - fb.place_mm).norm(), u_noise, *u};
 }
 
@@ -285,6 +272,14 @@ void add_forms(std::vector<Quantity>& out, const Plan& plan, const PlannedQuanti
 
 }  // namespace
 
+std::vector<NominalArtefact> nominals_of(const Gauge& gauge) {
+  if (gauge.kind == GaugeKind::flat) return {{gauge.name, ArtefactKind::plane, 0}};
+  std::vector<NominalArtefact> out;
+  for (const double d : gauge.diameter_mm)
+    out.push_back({gauge.name, gauge.kind == GaugeKind::cylinder ? ArtefactKind::cylinder : ArtefactKind::sphere, d});
+  return out;
+}
+
 Result<CaptureResult> evaluate_capture(const Plan& plan, const Series& series, int capture,
                                        const std::vector<Gauge>& gauges, const PointCloud& cloud,
                                        const model::Scanner& scanner) {
@@ -295,20 +290,23 @@ Result<CaptureResult> evaluate_capture(const Plan& plan, const Series& series, i
   const auto found = measure_artefacts(cloud, scanner, nominals);
   if (!found) return tl::unexpected(found.error());
   CaptureResult out{.capture = capture};
+  std::vector<Described> described;
   for (const auto& m : *found) {
-    auto feature = describe(m, plan.rejection);
-    if (!feature) return unanswerable(fmt::format("{}: {}", m.name, feature.error().sentence));
-    if (!out.features.empty() && out.features.back().artefact == m.name) feature->part = out.features.back().part + 1;
+    auto one = describe(m, plan.rejection);
+    if (!one) return unanswerable(fmt::format("{}: {}", m.name, one.error().sentence));
+    FeatureResult& feature = one->feature;
+    if (!out.features.empty() && out.features.back().artefact == m.name) feature.part = out.features.back().part + 1;
     if (m.diameter_mm) {
       const auto u = u_diameter_from_calibration(m, scanner);
       if (!u) return unanswerable(fmt::format("{}: {}", m.name, u.error().sentence));
-      feature->u_calibration_mm = *u;
+      feature.u_calibration_mm = *u;
     }
-    out.features.push_back(*feature);
+    out.features.push_back(feature);
+    described.push_back(*std::move(one));
   }
   for (std::size_t i = 1; i < found->size(); ++i) {
     if (out.features[i].part != 1) continue;
-    const auto distance = distance_of((*found)[i - 1], (*found)[i], out.features[i - 1], out.features[i], scanner);
+    const auto distance = distance_of((*found)[i - 1], (*found)[i], described[i - 1], described[i], scanner);
     if (!distance) return tl::unexpected(distance.error());
     out.distances.push_back(*distance);
   }
@@ -336,6 +334,51 @@ std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, co
           add_forms(out, plan, planned, gauge, results);
           break;
       }
+    }
+  }
+  return out;
+}
+
+std::vector<GaugeSummary> summaries_of(const Series& series, const std::vector<Gauge>& gauges,
+                                       const std::vector<CaptureResult>& results, const Environment& environment) {
+  std::vector<GaugeSummary> out;
+  const auto add = [&](const std::string& symbol, const Gauge& gauge, const std::vector<double>& errors, double noise) {
+    if (errors.size() < 2) return;
+    const auto n = static_cast<double>(errors.size());
+    GaugeSummary s{symbol, gauge.name, static_cast<int>(errors.size()), series.repeats};
+    double squares = 0;
+    for (const double e : errors) s.mean_mm += e / n;
+    for (const double e : errors) squares += (e - s.mean_mm) * (e - s.mean_mm);
+    const double variance = squares / (n - 1);
+    s.repeatability_mm = series.repeats ? std::sqrt(variance) : noise;                               // eq. 1
+    if (!series.repeats) s.reproducibility_mm = std::sqrt(std::max(0.0, variance - noise * noise));  // eq. 2
+    out.push_back(s);
+  };
+  for (const auto& planned : series.quantities) {
+    for (const auto& name : series.artefacts) {
+      const Gauge& gauge = gauge_named(gauges, name);
+      std::vector<double> errors;
+      double squares = 0;
+      const auto take = [&](double measured, double certified, double u_noise) {
+        errors.push_back(measured - length_at(gauge, certified, environment));
+        squares += u_noise * u_noise;
+      };
+      const bool distance = planned.measurand == Measurand::distance_error;
+      if (!distance && planned.measurand != Measurand::diameter_error &&
+          planned.measurand != Measurand::mean_diameter_error) {
+        continue;
+      }
+      for (const auto& r : results) {
+        for (const auto& d : r.distances) {
+          if (distance && d.artefact == name) take(d.distance_mm, *gauge.distance_mm, d.u_noise_mm);
+        }
+        for (const auto& f : r.features) {
+          if (distance || f.artefact != name || !f.diameter_mm) continue;
+          take(*f.diameter_mm, gauge.diameter_mm[static_cast<std::size_t>(f.part)], f.u_noise_mm.value_or(0));
+        }
+      }
+      add(planned.symbol, gauge, errors,
+          std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, errors.size()))));
     }
   }
   return out;

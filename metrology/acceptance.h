@@ -19,6 +19,7 @@
 
 #include "calib/model/scanner.h"
 #include "core/result.h"
+#include "metrology/artefact.h"
 #include "metrology/artefact_file.h"
 #include "metrology/plan.h"
 #include "metrology/point_cloud.h"
@@ -57,6 +58,9 @@ struct CaptureResult {
   std::vector<DistanceResult> distances;
 };
 
+/// What of an artefact is looked for in a cloud: a ball bar is two spheres.
+std::vector<NominalArtefact> nominals_of(const Gauge& gauge);
+
 /// No result: an artefact that is not in the cloud, or cannot be fitted, with what was there instead.
 Result<CaptureResult> evaluate_capture(const Plan& plan, const Series& series, int capture,
                                        const std::vector<Gauge>& gauges, const PointCloud& cloud,
@@ -65,6 +69,10 @@ Result<CaptureResult> evaluate_capture(const Plan& plan, const Series& series, i
 /// All quantities of a series, judged by the plan's rule. results: one per capture, in any order.
 std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, const std::vector<Gauge>& gauges,
                                       const std::vector<CaptureResult>& results, const EvaluateOptions& options = {});
+
+/// Of each length of the series with at least two captures.
+std::vector<GaugeSummary> summaries_of(const Series& series, const std::vector<Gauge>& gauges,
+                                       const std::vector<CaptureResult>& results, const Environment& environment);
 
 Value to_value(const CaptureResult& result);
 CaptureResult capture_result_from(const Value& value, const std::string& name_in_messages);

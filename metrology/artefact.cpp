@@ -68,13 +68,6 @@ Result<Surface> fit_surface(ArtefactKind kind, std::span<const Eigen::Vector3d> 
   return s;
 }
 
-std::vector<Eigen::Vector3d> thinned(std::span<const Eigen::Vector3d> points, std::size_t at_most) {
-  const std::size_t step = std::max<std::size_t>(1, (points.size() + at_most - 1) / at_most);
-  std::vector<Eigen::Vector3d> out;
-  for (std::size_t i = 0; i < points.size(); i += step) out.push_back(points[i]);
-  return out;
-}
-
 /// 1.4826 times the median absolute deviation from the median.
 double robust_sd(std::vector<double> values) {
   const double middle = median(values);
@@ -178,6 +171,13 @@ std::optional<Candidate> best_segment(const NominalArtefact& nominal,
 }
 
 }  // namespace
+
+std::vector<Eigen::Vector3d> thinned(std::span<const Eigen::Vector3d> points, std::size_t at_most) {
+  const std::size_t step = std::max<std::size_t>(1, (points.size() + at_most - 1) / at_most);
+  std::vector<Eigen::Vector3d> out;
+  for (std::size_t i = 0; i < points.size(); i += step) out.push_back(points[i]);
+  return out;
+}
 
 const char* name_of(ArtefactKind kind) {
   static constexpr const char* kNames[] = {"plane", "sphere", "cylinder"};

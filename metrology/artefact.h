@@ -66,6 +66,9 @@ Result<std::vector<ArtefactMeasurement>> measure_artefacts(const PointCloud& clo
 std::vector<ArtefactMeasurement> measure_all(const PointCloud& cloud, const model::Scanner& scanner,
                                              const NominalArtefact& nominal, const ArtefactOptions& options = {});
 
+/// Every k-th of the points, at most so many: for what is smooth over a body.
+std::vector<Eigen::Vector3d> thinned(std::span<const Eigen::Vector3d> points, std::size_t at_most);
+
 /// u_cal of a measured diameter (metrology/calibration_uncertainty.h), from at most 2000 of its points.
 Result<double> u_diameter_from_calibration(const ArtefactMeasurement& measurement, const model::Scanner& scanner);
 

@@ -66,6 +66,7 @@ Gauge read_gauge(Fields fields) {
   }
   g.form_mm = not_negative(fields, "form_mm");
   g.U_form_mm = not_negative(fields, "U_form_mm");
+  g.fixture_mm = not_negative(fields, "fixture_mm");
   g.k = positive(fields, "k");
   g.expansion_per_K = fields.number("expansion_per_K");
   g.u_expansion_per_K = not_negative(fields, "u_expansion_per_K");
@@ -113,6 +114,7 @@ Value to_value(const std::vector<Gauge>& gauges) {
     if (g.distance_mm) one.set("distance_mm", *g.distance_mm).set("U_distance_mm", g.U_distance_mm);
     list.append(one.set("form_mm", g.form_mm)
                     .set("U_form_mm", g.U_form_mm)
+                    .set("fixture_mm", g.fixture_mm)
                     .set("k", g.k)
                     .set("expansion_per_K", g.expansion_per_K)
                     .set("u_expansion_per_K", g.u_expansion_per_K)
@@ -157,16 +159,23 @@ double length_at(const Gauge& g, double length_mm, const Environment& environmen
 
 std::vector<Contribution> contributions_of(const Gauge& g, double length_mm, double U_mm, const Environment& e) {
   const double difference = e.temperature_degC - g.reference_temperature_degC;
-  return {{.name = "certificate of the artefact", .u = U_mm / g.k, .sensitivity = -1},  // eq. 2
-          {.name = "thermal expansion coefficient",
-           .u = g.u_expansion_per_K,
-           .unit = "1/K",
-           .sensitivity = -length_mm * difference},
-          {.name = "temperature of the artefact",
-           .form = Form::rectangular,
-           .u = e.u_temperature_degC,
-           .unit = "K",
-           .sensitivity = -length_mm * g.expansion_per_K}};
+  std::vector<Contribution> out = {
+      {.name = "certificate of the artefact", .u = U_mm / g.k, .sensitivity = -1},  // eq. 2
+      {.name = "thermal expansion coefficient",
+       .u = g.u_expansion_per_K,
+       .unit = "1/K",
+       .sensitivity = -length_mm * difference},
+      {.name = "temperature of the artefact",
+       .form = Form::rectangular,
+       .u = e.u_temperature_degC,
+       .unit = "K",
+       .sensitivity = -length_mm * g.expansion_per_K},
+      {.name = "expansion coefficient and temperature, second order",
+       .u = g.u_expansion_per_K * e.u_temperature_degC,
+       .unit = "1",
+       .sensitivity = -length_mm}};
+  if (g.fixture_mm > 0) out.push_back({.name = "fixture", .u = g.fixture_mm, .sensitivity = -1});
+  return out;
 }
 
 ArtefactUsed used(const Gauge& g, bool expired_accepted) {

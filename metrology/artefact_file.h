@@ -9,6 +9,7 @@
 //   U_distance_mm = 0.0012
 //   form_mm = 0.0004                         # certified form error (sphericity, flatness); 0 where the certificate has none
 //   U_form_mm = 0.0002
+//   fixture_mm = 0.0003                      # standard uncertainty of its lengths from how it is held (a bar sags); optional
 //   k = 2
 //   expansion_per_K = 11.5e-6                # linear coefficient ...
 //   u_expansion_per_K = 1.0e-6               # ... and its standard uncertainty
@@ -19,7 +20,8 @@
 //   valid_until = "2028-03-01"               # as agreed with the laboratory or by the owner's rules
 //
 // A certified length at temperature t:  l(t) = l (1 + alpha (t - t_ref))                                          (1)
-//   u^2(l(t)) = (U / k)^2 + (l (t - t_ref) u(alpha))^2 + (l alpha u(t))^2                                           (2)
+//   u^2(l(t)) = (U / k)^2 + (l (t - t_ref) u(alpha))^2 + (l alpha u(t))^2 + (l u(alpha) u(t))^2 + u_fixture^2        (2)
+// The last is of second order and the only part of u(alpha) left at the reference temperature. [GUM, 5.1.2 note; H.1.7]
 #pragma once
 
 #include "core/value.h"
@@ -44,6 +46,7 @@ struct Gauge {
   std::optional<double> distance_mm;  // ball bar
   double U_distance_mm = 0;
   double form_mm = 0, U_form_mm = 0;
+  double fixture_mm = 0;  // standard uncertainty that its holding adds to its lengths
   double k = 2;
   double expansion_per_K = 0, u_expansion_per_K = 0, reference_temperature_degC = 20;
   std::string certificate, laboratory, date, valid_until;  // dates: YYYY-MM-DD
@@ -61,7 +64,7 @@ const Gauge& gauge_named(const std::vector<Gauge>& gauges, const std::string& na
 /// Whether the certificate has run out on that day (dates compare as text).
 bool is_expired(const Gauge& gauge, const std::string& day);
 
-/// Eq. 1, and eq. 2 as the three contributions of a budget with the sensitivity -1 (an error is measured minus certified).
+/// Eq. 1, and eq. 2 as the contributions of a budget with the sensitivity -1 (an error is measured minus certified).
 double length_at(const Gauge& gauge, double length_mm, const Environment& environment);
 std::vector<Contribution> contributions_of(const Gauge& gauge, double length_mm, double U_mm,
                                            const Environment& environment);

@@ -144,6 +144,17 @@ std::vector<HistoryEntry> History::entries(const std::optional<std::string>& kin
   return out;
 }
 
+void History::each(const std::function<void(const HistoryView&)>& visit, const std::optional<std::string>& kind) const {
+  SQLite::Statement rows(state_->database, std::string("SELECT number, date, kind, document, hash FROM entries") +
+                                               (kind ? " WHERE kind = ?" : "") + " ORDER BY number");
+  if (kind) rows.bind(1, *kind);
+  const auto text = [&rows](int column) {
+    const auto cell = rows.getColumn(column);
+    return std::string_view(cell.getText(), static_cast<std::size_t>(cell.getBytes()));
+  };
+  while (rows.executeStep()) visit({rows.getColumn(0).getInt64(), text(1), text(2), text(3), text(4)});
+}
+
 HistoryEntry History::entry(std::int64_t number) const {
   SQLite::Statement row(state_->database, "SELECT number, date, kind, document, hash FROM entries WHERE number = ?");
   row.bind(1, number);

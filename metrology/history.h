@@ -17,9 +17,11 @@
 #include <chrono>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace fringecal::metrology {
@@ -30,6 +32,12 @@ struct HistoryEntry {
   std::string kind;         // "alignment", "calibration", "verification", "certificate"
   std::string document;     // JSON
   std::string hash;         // eq. 1
+};
+
+/// The same without a copy; valid inside of the call that hands it over.
+struct HistoryView {
+  std::int64_t number = 0;
+  std::string_view date, kind, document, hash;
 };
 
 /// What check() found wrong, or nothing. `number`: the first entry concerned, where it is one.
@@ -54,6 +62,9 @@ class History {
   /// In their order; kind: only these. Numbers above `after` only.
   std::vector<HistoryEntry> entries(const std::optional<std::string>& kind = std::nullopt,
                                     std::int64_t after = 0) const;
+  /// Every entry in its order, one after the other: for what goes through a long history and keeps little of it.
+  void each(const std::function<void(const HistoryView&)>& visit,
+            const std::optional<std::string>& kind = std::nullopt) const;
   /// The entry of that number. Throws InputError with how many there are.
   HistoryEntry entry(std::int64_t number) const;
   std::int64_t size() const;

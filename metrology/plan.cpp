@@ -7,6 +7,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <array>
 #include <utility>
 
@@ -41,6 +42,26 @@ PlannedQuantity read_quantity(Fields fields) {
   return q;
 }
 
+void read_places(Fields& fields, Series& s) {
+  const Value places = fields.raw("places");
+  if (places.is_null()) return;
+  if (!places.if_array()) fields.complain("places is a list of places");
+  for (std::size_t k = 0; k < places.if_array()->size(); ++k) {
+    Fields one(Value::object().set("place", (*places.if_array())[k]), fields.file(), "places");
+    const auto numbers = one.numbers("place", 6);
+    std::array<double, 6> place{};
+    std::copy(numbers.begin(), numbers.end(), place.begin());
+    s.places.push_back(place);
+  }
+  const bool one_for_all = s.repeats || s.captures == 1;
+  const std::size_t wanted =
+      one_for_all ? s.artefacts.size() : static_cast<std::size_t>(s.captures) * s.artefacts.size();
+  if (s.places.size() != wanted) {
+    fields.complain(fmt::format("places has {} entries where {} captures of {} artefacts need {}", s.places.size(),
+                                s.captures, s.artefacts.size(), wanted));
+  }
+}
+
 Series read_series(Fields fields) {
   Series s{
       .scene = fields.text("scene"), .artefacts = fields.texts("artefacts"), .captures = fields.integer("captures")};
@@ -48,12 +69,20 @@ Series read_series(Fields fields) {
   if (s.artefacts.empty()) fields.complain("artefacts is empty; name at least one of artefacts.toml");
   if (s.captures < 1 || s.captures > 999) fields.complain(fmt::format("captures is {}; give 1 to 999", s.captures));
   for (auto& q : fields.tables("quantity")) s.quantities.push_back(read_quantity(std::move(q)));
+  read_places(fields, s);
   if (s.quantities.empty()) fields.complain("there is no [[series.quantity]]: nothing would be evaluated");
   fields.finish();
   return s;
 }
 
 }  // namespace
+
+std::vector<std::array<double, 6>> Series::places_of(int capture) const {
+  const std::size_t n = artefacts.size();
+  if (places.empty()) return {};
+  const std::size_t first = places.size() == n ? 0 : static_cast<std::size_t>(capture) * n;
+  return {places.begin() + static_cast<std::ptrdiff_t>(first), places.begin() + static_cast<std::ptrdiff_t>(first + n)};
+}
 
 const char* name_of(Measurand measurand) {
   for (const auto& [known, name] : kMeasurands) {
@@ -90,6 +119,10 @@ Plan read_plan(const std::string& name) {
   plan.rejection = rejection == "none" ? fitting::Rejection::none : fitting::Rejection::vdi_2634;
   for (auto& s : fields.tables("series")) plan.series.push_back(read_series(std::move(s)));
   if (plan.series.empty()) fields.complain("there is no [[series]] in it");
+  plan.diagnose = fields.optional_boolean("diagnose").value_or(false);
+  if (plan.diagnose && (plan.series.size() != 1 || plan.series.front().captures != 1)) {
+    fields.complain("diagnose is for a plan of one series with one capture");
+  }
   fields.finish();
   return plan;
 }

@@ -3,10 +3,15 @@
 // `fringecal plan NAME --print` writes one to start from. A plan names its source, and what in it could not be checked
 // against the standard's own text.
 //
+//   diagnose = true                # at the top; only where the plan is a single capture
 //   [[series]]
 //   scene = "ball_bar"             # name of the place list; captures are called SCENE-00, SCENE-01, ...
 //   artefacts = ["bar150"]         # of artefacts.toml; all in the field at once
 //   captures = 7                   # positions, or repeats at one place (`repeats = true`)
+//   places = [[0, 0, 0, 0, 0, 90], ...]  # optional, for prediction and drawing: where the artefact stands in each capture,
+//                                  # x, y, z in mm and a rotation vector in degrees, frame `world`; of repeats, and of
+//                                  # several artefacts, one place per artefact. A bar lies along x, a cylinder along z, a
+//                                  # flat's normal is z.
 //   [[series.quantity]]
 //   measurand = "distance_error"   # see below
 //   symbol = "SD"                  # as the source has it
@@ -26,6 +31,7 @@
 #include "fitting/fit.h"
 #include "metrology/decision.h"
 
+#include <array>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -48,6 +54,10 @@ struct Series {
   int captures = 1;
   bool repeats = false;  // the same place again, instead of another position
   std::vector<PlannedQuantity> quantities;
+  std::vector<std::array<double, 6>> places;
+
+  /// One place per artefact for that capture; empty where the plan has none.
+  std::vector<std::array<double, 6>> places_of(int capture) const;
 };
 
 struct Plan {
@@ -56,6 +66,7 @@ struct Plan {
   DecisionRule decision_rule = DecisionRule::iso_14253_1;
   fitting::Rejection rejection = fitting::Rejection::none;  // before form and size are evaluated: none or vdi_2634
   std::vector<Series> series;
+  bool diagnose = false;  // one series of one capture, with a flat: the likeliest cause of its deviations (diagnosis.h)
 };
 
 /// name: a shipped plan ("paper", "vdi2634-2", "iso10360-13", "quick"), or a file. Throws InputError.

@@ -21,7 +21,7 @@ constexpr double kMaxStep = 6.0;    // footprints
 constexpr int kNormalHalf = 2;      // half the side of the neighbourhood of eq. 2, px
 constexpr int kMinNeighbours = 13;  // of 25: more than half, so that the middle is not an outer corner
 
-enum class Fate : std::uint8_t { point, invalid, no_intersection, edge, noisy };
+enum class Fate : std::uint8_t { point, invalid, no_intersection, edge, noisy, grazing };
 
 void check_they_belong_together(const decode::PhaseMap& map, const model::Scanner& scanner) {
   const model::Camera& camera = scanner.camera;
@@ -263,15 +263,24 @@ Reconstruction Reconstructor::operator()(const decode::PhaseMap& map, const Reco
 
   const Rigid3 world_from_cam = scanner.world_from_cam();
   const Eigen::Matrix3d rotation = world_from_cam.rotation_matrix();
-  using Counts = std::array<std::size_t, 5>;
+  require(options.normals || !options.max_incidence_deg, "grazing points are found by their normals");
+  const double min_cosine =
+      options.max_incidence_deg ? std::cos(*options.max_incidence_deg * std::numbers::pi / 180) : -1.0;
+  const Eigen::Vector3d light_in_cam = scanner.proj_from_cam.inverse().translation_mm;
+  const auto fate_of = [&](int x, int y) {
+    const Fate fate = field.fate(x, y);
+    if (fate != Fate::point) return fate;
+    // Written so that a NaN is refused. Normals are of all points, noisy ones too: their fate in the field stays.
+    if (!(field.u_along_ray_mm(x, y) <= options.max_u_along_ray_mm)) return Fate::noisy;
+    if (!options.max_incidence_deg) return fate;
+    const Eigen::Vector3d normal = normal_at(field, continuous, x, y), p = field.point_in_cam(x, y);
+    const auto faces = [&](const Eigen::Vector3d& pupil) { return normal.dot((pupil - p).normalized()) >= min_cosine; };
+    return normal.isZero() || (faces(Eigen::Vector3d::Zero()) && faces(light_in_cam)) ? fate : Fate::grazing;
+  };
+  using Counts = std::array<std::size_t, 6>;
   std::vector<Counts> counts(static_cast<std::size_t>(height), Counts{});
   parallel_for(height, [&](int y) {
-    for (int x = 0; x < width; ++x) {
-      const Fate fate = field.fate(x, y);
-      // Written so that a NaN is refused. Normals are of all points, noisy ones too: their fate stays.
-      const bool noisy = fate == Fate::point && !(field.u_along_ray_mm(x, y) <= options.max_u_along_ray_mm);
-      ++counts[static_cast<std::size_t>(y)][static_cast<std::size_t>(noisy ? Fate::noisy : fate)];
-    }
+    for (int x = 0; x < width; ++x) ++counts[static_cast<std::size_t>(y)][static_cast<std::size_t>(fate_of(x, y))];
   });
   Reconstruction out = std::move(earlier);
   Counts sums{};
@@ -283,12 +292,13 @@ Reconstruction Reconstructor::operator()(const decode::PhaseMap& map, const Reco
   out.n_invalid = sums[static_cast<std::size_t>(Fate::invalid)];
   out.n_no_intersection = sums[static_cast<std::size_t>(Fate::no_intersection)];
   out.n_edge = sums[static_cast<std::size_t>(Fate::edge)];
+  out.n_grazing = sums[static_cast<std::size_t>(Fate::grazing)];
   out.n_noisy = sums[static_cast<std::size_t>(Fate::noisy)];
   out.cloud.points.resize(sums[static_cast<std::size_t>(Fate::point)]);
   parallel_for(height, [&](int y) {
     CloudPoint* to = out.cloud.points.data() + starts[static_cast<std::size_t>(y)];
     for (int x = 0; x < width; ++x) {
-      if (field.fate(x, y) != Fate::point || !(field.u_along_ray_mm(x, y) <= options.max_u_along_ray_mm)) continue;
+      if (fate_of(x, y) != Fate::point) continue;
       CloudPoint& point = *to++;
       point.position_mm = rotation * field.point_in_cam(x, y) + world_from_cam.translation_mm;
       point.normal = options.normals ? Eigen::Vector3d(rotation * normal_at(field, continuous, x, y))

@@ -11,7 +11,7 @@
 //
 // Left out, and counted by the first reason that holds: pixels without phase; pixels whose ray does not meet the
 // plane of light; pixels at an edge, that is within `edge_margin_px` of one of these or of a jump in depth to a
-// neighbour; noisy pixels. A jump: neighbouring pixels whose points are farther apart than kMaxStep = 6 pixel
+// neighbour; noisy pixels; grazing ones, where that is asked for. A jump: neighbouring pixels whose points are farther apart than kMaxStep = 6 pixel
 // footprints (a surface seen at 80 degrees from its normal) and than six standard uncertainties.
 // Normal: n ~ dP/dx x dP/dy, the two slopes fitted to the points of the 5 x 5 neighbourhood that connect without
 // jump; at least 13 of them, else zero.                                                                           (2)
@@ -24,6 +24,7 @@
 #include "metrology/point_cloud.h"
 
 #include <memory>
+#include <optional>
 
 namespace fringecal::metrology {
 
@@ -33,12 +34,15 @@ struct ReconstructOptions {
   ReconstructionModel model = ReconstructionModel::full;
   double max_u_along_ray_mm = 1.0;  // a pixel noisier than this along its ray is left out
   int edge_margin_px = 2;  // pixels this near to an invalid one are left out: blur mixes foreground and background
+  /// Points whose normal stands farther than this from the camera or from the light are left out: there the light is weak
+  /// and noise grows with 1 / cos^2. Needs normals; a point without one stays. Absent: none.
+  std::optional<double> max_incidence_deg = std::nullopt;
   bool normals = true;
 };
 
 struct Reconstruction {
   PointCloud cloud;
-  std::size_t n_invalid = 0, n_noisy = 0, n_edge = 0, n_no_intersection = 0;  // left out, by name
+  std::size_t n_invalid = 0, n_noisy = 0, n_edge = 0, n_no_intersection = 0, n_grazing = 0;  // left out, by name
 };
 
 /// What stays the same from map to map of one scanner: the rays of its pixels and, once asked for, the phase of its

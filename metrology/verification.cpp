@@ -1,6 +1,6 @@
 #include "metrology/verification.h"
 
-#include "core/file.h"
+#include "core/provenance_reader.h"
 
 #include <fmt/format.h>
 
@@ -110,28 +110,22 @@ ArtefactUsed read_artefact(Fields fields) {
   return a;
 }
 
+Value to_value(const GaugeSummary& s) {
+  return Value::object()
+      .set("symbol", s.symbol)
+      .set("artefact", s.artefact)
+      .set("captures", s.captures)
+      .set("repeats", s.repeats)
+      .set("mean_mm", s.mean_mm)
+      .set("repeatability_mm", s.repeatability_mm)
+      .set("reproducibility_mm", s.reproducibility_mm);
+}
+
 Environment read_environment(Fields fields) {
   Environment out;
   out.temperature_degC = fields.number("temperature_degC");
   out.u_temperature_degC = fields.number("u_temperature_degC");
   out.humidity_percent = fields.optional_number("humidity_percent");
-  fields.finish();
-  return out;
-}
-
-Provenance read_provenance(Fields fields) {
-  Provenance out;
-  out.program = fields.text("program");
-  out.version = fields.text("version");
-  out.date = fields.text("date");
-  const Value inputs = fields.raw("inputs_sha256");
-  if (const auto* object = inputs.if_object()) {
-    for (const auto& [name, sha256] : *object) {
-      const auto* text = sha256.if_text();
-      if (text == nullptr) fields.complain(fmt::format("inputs_sha256: {} is not a text", name));
-      out.inputs.emplace_back(name, *text);
-    }
-  }
   fields.finish();
   return out;
 }
@@ -169,6 +163,12 @@ Value to_value(const Verification& v) {
                   .set("artefacts", artefacts)
                   .set("quantities", quantities)
                   .set("deviations", texts(v.deviations));
+  if (!v.summaries.empty()) {
+    Value list = Value::array();
+    for (const auto& s : v.summaries) list.append(to_value(s));
+    out.set("summaries", list);
+  }
+  if (v.diagnosis) out.set("diagnosis", metrology::to_value(*v.diagnosis));
   if (const auto verdict = verdict_of(v)) out.set("verdict", name_of(*verdict));
   return out.set("provenance", fringecal::to_value(v.provenance));
 }
@@ -189,8 +189,17 @@ Verification verification_from(const Value& value, const std::string& name) {
   for (auto& a : fields.tables("artefacts")) v.artefacts.push_back(read_artefact(std::move(a)));
   for (auto& q : fields.tables("quantities")) v.quantities.push_back(read_quantity(std::move(q)));
   v.deviations = fields.texts("deviations");
+  for (auto& s : fields.tables("summaries")) {
+    GaugeSummary one{s.text("symbol"), s.text("artefact"), s.integer("captures"), s.boolean("repeats")};
+    one.mean_mm = s.number("mean_mm");
+    one.repeatability_mm = s.number("repeatability_mm");
+    one.reproducibility_mm = s.number("reproducibility_mm");
+    s.finish();
+    v.summaries.push_back(one);
+  }
+  if (auto diagnosis = fields.optional_table("diagnosis")) v.diagnosis = diagnosis_from(*diagnosis);
   const auto stated = fields.optional_text("verdict");
-  v.provenance = read_provenance(fields.table("provenance"));
+  v.provenance = provenance_from(fields.table("provenance"));
   fields.finish();
   const auto found = verdict_of(v);
   if (stated.value_or("") != (found ? name_of(*found) : "")) {

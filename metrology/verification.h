@@ -12,6 +12,7 @@
 #include "core/value.h"
 #include "metrology/budget.h"
 #include "metrology/decision.h"
+#include "metrology/diagnosis.h"
 #include "metrology/monte_carlo.h"
 
 #include <filesystem>
@@ -49,6 +50,17 @@ struct ArtefactUsed {
   std::vector<Certified> values;
 };
 
+/// A gauge-type summary of one quantity over a series.
+///   repeatability    s of the repeats at one place; without repeats the root mean square of the captures' own noise   (1)
+///   reproducibility  sqrt(max(0, s^2 - repeatability^2)), s over the places                                       (2)
+/// The artefact's certificate is common to all and in neither.
+struct GaugeSummary {
+  std::string symbol, artefact;
+  int captures = 0;
+  bool repeats = false;  // at one place: no reproducibility
+  double mean_mm = 0, repeatability_mm = 0, reproducibility_mm = 0;
+};
+
 struct Environment {
   double temperature_degC = 20, u_temperature_degC = 0;
   std::optional<double> humidity_percent;
@@ -65,7 +77,9 @@ struct Verification {
   DecisionRule decision_rule = DecisionRule::iso_14253_1;
   std::vector<ArtefactUsed> artefacts;
   std::vector<Quantity> quantities;
+  std::vector<GaugeSummary> summaries;
   std::vector<std::string> deviations;  // from the method, in words
+  std::optional<Diagnosis> diagnosis;   // of a plan that asks for one
   Provenance provenance;
 };
 

@@ -2,6 +2,7 @@
 
 #include "core/error.h"
 #include "core/file.h"
+#include "core/provenance_reader.h"
 
 #include <fmt/format.h>
 
@@ -106,19 +107,6 @@ BoardObservation observation_from(Fields f) {
   }
   f.finish();
   return o;
-}
-
-Provenance provenance_from(Fields f) {
-  Provenance p;
-  p.program = f.text("program");
-  p.version = f.text("version");
-  p.date = f.text("date");
-  const Value inputs = f.raw("inputs_sha256");
-  if (const auto* object = inputs.if_object()) {
-    for (const auto& [file, hash] : *object) p.inputs.emplace_back(file, hash.if_text() ? *hash.if_text() : "");
-  }
-  f.finish();
-  return p;
 }
 
 /// Where each named parameter lives. The rotation's three stand in `rotation`, as a rotation vector.

@@ -83,15 +83,17 @@ void Grating::project_gray(int bit, double offset_mm, const LightRow& row, std::
   for (float& t : transmission) t = std::max(t, 0.0F);
 }
 
-void Grating::project(const Pattern& pattern, double offset_mm, const LightRow& row, double base, double factor,
+void Grating::project(const Pattern& pattern, double offset_mm, const LightRow& row, const Shine& shine,
                       std::span<float> out) const {
   if (pattern.kind == PatternKind::phase) {
     project_phase(pattern.index, offset_mm, row, out);
   } else {
     project_gray(pattern.index, offset_mm, row, out);
   }
-  const auto offset = static_cast<float>(base), gain = static_cast<float>(factor);
-  const auto dark = static_cast<float>(dark_), range = static_cast<float>(1.0 - dark_);
+  const auto offset = static_cast<float>(shine.base), gain = static_cast<float>(shine.factor);
+  const double clear = 1.0 - shine.veil;
+  const auto dark = static_cast<float>(dark_ + 0.5 * (1.0 - dark_) * shine.veil),
+             range = static_cast<float>((1.0 - dark_) * clear);
   const float* light = row.light.data();
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = offset + gain * light[i] * (dark + range * out[i]);
 }

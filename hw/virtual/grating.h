@@ -30,6 +30,13 @@ struct LightRow {
   std::span<const float> light;           // grey levels under bright glass without blur
 };
 
+/// How the light of a row becomes grey levels.
+struct Shine {
+  double base = 0;    // light without the projector
+  double factor = 1;  // on the projector's light
+  double veil = 0;    // share of it that is scattered evenly: half of the glass is bright in every pattern
+};
+
 class Grating {
  public:
   explicit Grating(const Preset& preset);
@@ -40,8 +47,8 @@ class Grating {
   double first_harmonic(double sigma_mm) const;
   /// B over the light of bright glass, at the axis, before the camera's blur.
   double modulation_at_centre() const;
-  /// out = base + light (transmission of the pattern, displaced by offset_mm) factor.
-  void project(const Pattern& pattern, double offset_mm, const LightRow& row, double base, double factor,
+  /// out = base + light factor ((1 - veil) transmission of the pattern, displaced by offset_mm, + veil / 2).
+  void project(const Pattern& pattern, double offset_mm, const LightRow& row, const Shine& shine,
                std::span<float> out) const;
 
  private:

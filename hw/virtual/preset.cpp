@@ -153,6 +153,10 @@ void read_scenes(Fields f, Preset& p) {
     p.flat_height_mm = positive(*plate, "height_mm");
     plate->finish();
   }
+  if (auto morning = f.optional_table("morning")) {
+    p.morning = placing_from(*morning, {"bar", "sphere38", "sphere50", "flat"});
+    morning->finish();
+  }
   f.finish();
 }
 
@@ -183,7 +187,8 @@ void read_small_tables(Fields& f, Preset& p) {
                 not_negative(assembly, "adjuster_backlash_mrad"), positive(assembly, "adjuster_resolution_mrad")};
   assembly.finish();
   Fields drift = f.table("drift");
-  p.drift = {drift.number("base_mm"), drift.number("alpha_rad"), positive(drift, "time_constant_min")};
+  p.drift = {drift.number("base_mm"), drift.number("alpha_rad"), positive(drift, "time_constant_min"),
+             drift.optional_number("frame_expansion_per_K").value_or(0)};
   drift.finish();
   Fields light = f.table("light");
   p.light = {not_negative(light, "ambient"), not_negative(light, "flicker")};
@@ -197,7 +202,8 @@ void read_small_tables(Fields& f, Preset& p) {
   for (const char* name : {"sphere30", "sphere38", "sphere50", "cylinder", "bar", "bar_a", "bar_b"}) {
     if (!with_bar && std::string_view(name).starts_with("bar")) continue;
     Fields one = artefacts.table(name);
-    p.artefacts[name] = {positive(one, "nominal_mm"), not_negative(one, "making_mm"), not_negative(one, "U_mm") / 2.0};
+    p.artefacts[name] = {positive(one, "nominal_mm"), not_negative(one, "making_mm"), not_negative(one, "U_mm") / 2.0,
+                         one.optional_number("expansion_per_K").value_or(0)};
     one.finish();
   }
   artefacts.finish();

@@ -45,7 +45,7 @@ struct Preset {
     double theta_mrad, adjuster_scale_error, adjuster_backlash_mrad, adjuster_resolution_mrad;
   } assembly;
   struct {
-    double base_mm, alpha_rad, time_constant_min;
+    double base_mm, alpha_rad, time_constant_min, frame_expansion_per_K;
   } drift;
   struct {
     double ambient, flicker;
@@ -60,7 +60,7 @@ struct Preset {
   } boards;
   double flat_board_width_mm, flat_board_height_mm;
   struct Artefact {
-    double nominal_mm, making_mm, u_mm;
+    double nominal_mm, making_mm, u_mm, expansion_per_K;
   };
   // "sphere30", "sphere38", "sphere50", "cylinder"; with a ball bar "bar_a", "bar_b" (its spheres), "bar" (their distance)
   std::map<std::string, Artefact> artefacts;
@@ -72,6 +72,7 @@ struct Preset {
   Placing alignment, calibration, plane, spheres, cylinder;
   // Places of the acceptance plans, by "0", "1", ...; without any where the preset has none.
   Placing probing, ball_bar, flat;
+  Placing morning;  // "bar", "sphere38", "sphere50", "flat": all at once, for the daily check
   double flat_width_mm = 0, flat_height_mm = 0;  // of the flat, which is smaller than the board
   double cylinder_length_mm;
 

@@ -31,12 +31,12 @@ Sensor::Sensor(const Preset& preset, std::uint64_t instrument_seed)
 
 void Sensor::radiance_row(const LightField& field, const Grating& grating, const Exposure& e, int y,
                           std::span<float> out) const {
-  grating.project(e.pattern, e.offset_mm, field.row(y), e.ambient, e.light_factor, out);
+  grating.project(e.pattern, e.offset_mm, field.row(y), {e.ambient, e.light_factor, e.veil}, out);
   for (const auto& extra : field.extras[static_cast<std::size_t>(y)]) {
     float value = 0;
     const LightRow one{{&extra.u_mm, 1},           {&extra.cosine, 1},        {&extra.sine, 1},
                        {&extra.first_harmonic, 1}, {&extra.inverse_sigma, 1}, {&extra.light, 1}};
-    grating.project(e.pattern, e.offset_mm, one, 0.0, e.light_factor, {&value, 1});
+    grating.project(e.pattern, e.offset_mm, one, {0.0, e.light_factor, e.veil}, {&value, 1});
     out[static_cast<std::size_t>(extra.column)] += value;
   }
 }

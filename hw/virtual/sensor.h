@@ -23,6 +23,7 @@ struct Exposure {
   double offset_mm = 0;     // displacement of the pattern on the grating
   double ambient = 0;       // grey levels
   double light_factor = 1;  // exposure times flicker
+  double veil = 0;          // share of the light that arrives without the pattern
   std::uint64_t noise_key = 0;
 };
 

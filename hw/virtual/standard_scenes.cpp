@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <functional>
 #include <numbers>
 
 namespace fringecal::virt {
@@ -36,10 +37,12 @@ SceneObject object(std::string name, Shape shape, const Rigid3& pose) {
   return out;
 }
 
+// The true size of an artefact, as warm as the room is.
+using SizeOf = std::function<double(const std::string&)>;
+
 // Two white spheres along the pose's x, held by a black rod of carbon fibre.
-Scene ball_bar_scene(const Preset& preset, std::uint64_t instrument_seed, const Rigid3& pose) {
-  const double distance = true_size_mm(preset, instrument_seed, "bar");
-  const double a = true_size_mm(preset, instrument_seed, "bar_a"), b = true_size_mm(preset, instrument_seed, "bar_b");
+Scene ball_bar_scene(const SizeOf& size, const Rigid3& pose) {
+  const double distance = size("bar"), a = size("bar_a"), b = size("bar_b");
   const auto along = [&](double x) { return pose * Rigid3{Eigen::Quaterniond::Identity(), Eigen::Vector3d(x, 0, 0)}; };
   Scene scene{{object("bar_a", Sphere{a}, along(-distance / 2)), object("bar_b", Sphere{b}, along(distance / 2))}};
   constexpr double kRodDiameter = 8, kRodAlbedo = 0.03;
@@ -83,9 +86,11 @@ Uncertain certificate_mm(const Preset& preset, std::uint64_t instrument_seed, co
   return {std::round(made * 1e4) * 1e-4, a.u_mm};  // a certificate is printed to 0.1 um
 }
 
-double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact) {
+double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact,
+                    double room_degC) {
   const Uncertain certificate = certificate_mm(preset, instrument_seed, artefact);
-  return certificate.value + certificate.u * Stream(instrument_seed, "truth of " + artefact).normal();
+  const double at_20 = certificate.value + certificate.u * Stream(instrument_seed, "truth of " + artefact).normal();
+  return at_20 * (1 + artefact_of(preset, artefact).expansion_per_K * (room_degC - 20.0));
 }
 
 model::Board certified_board(const Preset& preset, const std::string& kind) {
@@ -111,7 +116,11 @@ PatternBoard true_board(const Preset& preset, std::uint64_t instrument_seed, con
   return out;
 }
 
-std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name) {
+std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name,
+                                    double room_degC) {
+  const SizeOf size = [&](const std::string& artefact) {
+    return true_size_mm(preset, instrument_seed, artefact, room_degC);
+  };
   const auto space = name.find(' ');
   const std::string kind = name.substr(0, space), number = space == std::string::npos ? "" : name.substr(space + 1);
   const bool numbered = !number.empty() && number.find_first_not_of("0123456789") == std::string::npos;
@@ -132,13 +141,12 @@ std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrume
   if (kind == "spheres" && numbered) {
     Scene scene;
     for (const auto& [sphere, place] : preset.spheres.places) {
-      scene.objects.push_back(
-          object(sphere, Sphere{true_size_mm(preset, instrument_seed, sphere)}, put(preset.spheres, place, random)));
+      scene.objects.push_back(object(sphere, Sphere{size(sphere)}, put(preset.spheres, place, random)));
     }
     return scene;
   }
   if (kind == "cylinder" && numbered) {
-    const Cylinder cylinder{true_size_mm(preset, instrument_seed, "cylinder"), preset.cylinder_length_mm};
+    const Cylinder cylinder{size("cylinder"), preset.cylinder_length_mm};
     return Scene{{object("cylinder", cylinder, put(preset.cylinder, preset.cylinder.places.at("place"), random))}};
   }
   const auto place_of = [&](const Preset::Placing& placing) -> std::optional<Rigid3> {
@@ -148,7 +156,7 @@ std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrume
   if (kind == "probing") {
     const auto pose = place_of(preset.probing);
     if (!pose) return std::nullopt;
-    return Scene{{object("sphere30", Sphere{true_size_mm(preset, instrument_seed, "sphere30")}, *pose)}};
+    return Scene{{object("sphere30", Sphere{size("sphere30")}, *pose)}};
   }
   if (kind == "flat") {
     const auto pose = place_of(preset.flat);
@@ -156,10 +164,21 @@ std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrume
     return Scene{{object("flat", FlatBoard{preset.flat_width_mm, preset.flat_height_mm}, *pose)}};
   }
   if (kind == "plaster" && numbered) return plaster_scene(std::stoi(number));
+  if (kind == "morning" && numbered && !preset.morning.places.empty() && preset.artefacts.contains("bar")) {
+    const auto pose = [&](const char* artefact) {
+      return put(preset.morning, preset.morning.places.at(artefact), random);
+    };
+    Scene scene = ball_bar_scene(size, pose("bar"));
+    for (const char* sphere : {"sphere38", "sphere50"}) {
+      scene.objects.push_back(object(sphere, Sphere{size(sphere)}, pose(sphere)));
+    }
+    scene.objects.push_back(object("flat", FlatBoard{preset.flat_width_mm, preset.flat_height_mm}, pose("flat")));
+    return scene;
+  }
   if (kind == "ball_bar" && preset.artefacts.contains("bar")) {
     const auto pose = place_of(preset.ball_bar);
     if (!pose) return std::nullopt;
-    return ball_bar_scene(preset, instrument_seed, *pose);
+    return ball_bar_scene(size, *pose);
   }
   return std::nullopt;
 }

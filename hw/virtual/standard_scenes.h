@@ -17,13 +17,16 @@ namespace fringecal::virt {
 
 /// Throws std::logic_error for an artefact that the preset does not know.
 Uncertain certificate_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact);
-double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact);
+/// At that temperature of the room; certificates are for 20 degC.
+double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact,
+                    double room_degC = 20.0);
 
 /// kind: "chessboard" or "circles". The board as its certificate has it, and as it is.
 model::Board certified_board(const Preset& preset, const std::string& kind);
 PatternBoard true_board(const Preset& preset, std::uint64_t instrument_seed, const std::string& kind);
 
 /// See VirtualScanner::standard_scene; empty for another name.
-std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name);
+std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name,
+                                    double room_degC = 20.0);
 
 }  // namespace fringecal::virt

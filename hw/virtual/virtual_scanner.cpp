@@ -169,7 +169,9 @@ std::vector<Exposure> VirtualScanner::Instance::exposures(const InstrumentState&
     e.offset_mm = (reference_slot() * preset.grating.pattern_pitch_mm - along_mm) * sine + fixed_offset_mm[s] +
                   across_mm;  // eq. 1
     e.ambient = state.exposure * preset.light.ambient;
-    e.light_factor = state.exposure * (1.0 + preset.light.flicker * flicker.normal());
+    e.light_factor =
+        state.exposure * state.faults.projector_transmission * (1.0 + preset.light.flicker * flicker.normal());
+    e.veil = state.faults.projector_veil;
     e.noise_key = key_of(stack_seed, fmt::format("noise of frame {}", s));
     out.push_back(e);
   }
@@ -238,8 +240,8 @@ Uncertain VirtualScanner::certificate_mm(const std::string& artefact) const {
 bool VirtualScanner::has_standard_scene(const std::string& name) const {
   return virt::standard_scene(instance_->preset, instance_->seed, name).has_value();
 }
-Scene VirtualScanner::standard_scene(const std::string& name) const {
-  auto scene = virt::standard_scene(instance_->preset, instance_->seed, name);
+Scene VirtualScanner::standard_scene(const std::string& name, double room_degC) const {
+  auto scene = virt::standard_scene(instance_->preset, instance_->seed, name, room_degC);
   require(scene.has_value(), "a standard scene is asked for by one of its names");
   return *std::move(scene);
 }
@@ -258,14 +260,17 @@ std::vector<double> VirtualScanner::true_offsets_mm(const InstrumentState& state
 Rigid3 VirtualScanner::preset_from_cam(const InstrumentState& state) const {
   const auto& g = instance_->preset.geometry;
   const double drift = instance_->drift(state);
-  const double base_mm = g.base_mm + drift * instance_->preset.drift.base_mm;
+  const double expansion = instance_->preset.drift.frame_expansion_per_K * (state.room_degC - 20.0);
+  const double base_mm = (g.base_mm + drift * instance_->preset.drift.base_mm) * (1 + expansion) + state.faults.base_mm;
   const double alpha = std::atan2(g.base_mm, g.working_distance_mm) + drift * instance_->preset.drift.alpha_rad;
   // Looks down (x = X, y = -Y, z = -Z), turned about Y by alpha so that the view goes towards -X, rolled about the
   // view.
   const Eigen::Quaterniond down = rotation_from_vector({std::numbers::pi, 0, 0});
   const Eigen::Quaterniond tilt = rotation_from_vector({0, alpha, 0});
   const Eigen::Quaterniond roll = rotation_from_vector({0, 0, g.camera_roll_rad});
-  return {(tilt * down * roll).normalized(), Eigen::Vector3d(base_mm, g.pupil_offset_y_mm, g.working_distance_mm)};
+  const Eigen::Quaterniond knock = rotation_from_vector(state.faults.camera_turn_rad);
+  return {(tilt * down * roll * knock).normalized(),
+          Eigen::Vector3d(base_mm, g.pupil_offset_y_mm, g.working_distance_mm)};
 }
 
 model::Scanner VirtualScanner::true_scanner(const InstrumentState& state) const {

@@ -11,7 +11,8 @@
 //   offset_s = (s_ref - s) d sin(theta) + lithography + straightness + slide's error across              (1) [paper.md]
 // where s_ref is the slot at which the phase's wrap stands (step N/2: PS2 of four), so that the true u0 holds for it: a
 // Gray edge of bit b arrives (n + 2 - b) d sin(theta) beyond its phase edge, in growing u for theta > 0. The slide's
-// error along adds to s d. Warm-up: base and alpha grow by their drift times 1 - exp(-t / tau).
+// error along adds to s d. Warm-up: base and alpha grow by their drift times 1 - exp(-t / tau). A warm room makes the base
+// longer by the frame's expansion (a frame of one metal keeps its angles) and every artefact by its own.
 //
 // Frames. The preset's `world` has O on R below the projector's pupil and Z along the normal of R. The projector's axis
 // is tilted against it, so this is *not* the `world` of a Scanner file (calib/model/scanner.h), which the projector's
@@ -37,6 +38,14 @@
 
 namespace fringecal::virt {
 
+/// What can befall an instrument between two checks; none of it is known to the operator.
+struct Faults {
+  double base_mm = 0;  // the camera shifted along the base line, its direction kept
+  Eigen::Vector3d camera_turn_rad = Eigen::Vector3d::Zero();  // rotation vector in cam: knocked in its mount
+  double projector_transmission = 1;                          // of a dirty window
+  double projector_veil = 0;  // share of the light that this dirt scatters evenly over the field
+};
+
 /// What an operator can change, and what time does.
 struct InstrumentState {
   double adjuster_mrad = 0;       // sum of the adjuster's turns so far, as its scale shows them
@@ -44,6 +53,7 @@ struct InstrumentState {
   double minutes_since_start = 1e6;  // warm-up drift; large = settled
   double room_degC = 20.0;
   double exposure = 1.0;  // factor on the light
+  Faults faults = {};
 };
 
 /// What may differ from the preset without another file.
@@ -106,8 +116,9 @@ class VirtualScanner {
 
   /// Scenes of the standard commissioning, by name: "alignment", "calibration 0" .. "calibration 14", "plane R" (R:
   /// repeat, a slightly different place each), "spheres R", "cylinder R"; of the acceptance plans "probing P",
-  /// "ball_bar P", "flat P" (P: place); "plaster V" (V: view, an eighth of a turn each). Throws std::logic_error on another name.
-  Scene standard_scene(const std::string& name) const;
+  /// "ball_bar P", "flat P" (P: place); of the daily check "morning R"; "plaster V" (V: view, an eighth of a turn each). Throws std::logic_error on another name.
+  /// Artefacts are as large as the room's temperature makes them.
+  Scene standard_scene(const std::string& name, double room_degC = 20.0) const;
   bool has_standard_scene(const std::string& name) const;
   /// How many calibration scenes the preset has.
   int calibration_scenes() const;

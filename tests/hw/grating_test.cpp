@@ -32,7 +32,7 @@ double rendered(const Grating& grating, const Pattern& pattern, double period_mm
       s{static_cast<float>(std::sin(phase))}, e{static_cast<float>(grating.first_harmonic(sigma_mm))},
       i{static_cast<float>(1 / sigma_mm)}, light{1.0F};
   std::array<float, 1> out{};
-  grating.project(pattern, 0.0, {u, c, s, e, i, light}, 0.0, 1.0, out);
+  grating.project(pattern, 0.0, {u, c, s, e, i, light}, {.factor = 1.0}, out);
   return out[0];
 }
 

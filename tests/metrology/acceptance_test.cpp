@@ -66,14 +66,17 @@ TEST(Gauges, ExpireAfterTheirLastDay) {
 }
 
 // artefact_file.h eq. 1 and 2 by hand, at 25 degC +- 0.2 K: l = 30.001 (1 + 5.5e-6 x 5) = 30.001825...;
-// u = sqrt(0.0005^2 + (30.001 x 5 x 0.5e-6)^2 + (30.001 x 5.5e-6 x 0.2)^2) = 0.0005066.
+// u = sqrt(0.0005^2 + (30.001 x 5 x 0.5e-6)^2 + (30.001 x 5.5e-6 x 0.2)^2 + (30.001 x 0.5e-6 x 0.2)^2) = 0.0005066.
 TEST(Gauges, GiveALengthAtTemperatureWithItsUncertainty) {
   const Environment warm{25, 0.2, {}};
   EXPECT_NEAR(length_at(sphere30(), 30.001, warm), 30.001 + 30.001 * 5.5e-6 * 5, 1e-12);
   const auto combined = combine(contributions_of(sphere30(), 30.001, 0.001, warm));
-  const double u =
-      std::sqrt(std::pow(0.0005, 2) + std::pow(30.001 * 5 * 0.5e-6, 2) + std::pow(30.001 * 5.5e-6 * 0.2, 2));
+  const double u = std::sqrt(std::pow(0.0005, 2) + std::pow(30.001 * 5 * 0.5e-6, 2) +
+                             std::pow(30.001 * 5.5e-6 * 0.2, 2) + std::pow(30.001 * 0.5e-6 * 0.2, 2));
   EXPECT_NEAR(combined.u, u, 1e-12);
+  Gauge held = sphere30();
+  held.fixture_mm = 0.0003;
+  EXPECT_NEAR(combine(contributions_of(held, 30.001, 0.001, warm)).u, std::hypot(u, 0.0003), 1e-12);
 }
 
 TEST(Plans, ShippedOnesAreReadAndNameTheirSource) {
@@ -149,6 +152,22 @@ TEST(EvaluateSeries, GivesOneRowForEachPosition) {
   EXPECT_NEAR(quantities[0].uncertainty.u, 0.0005, 1e-12);
 }
 
+// Errors -0.003, 0, +0.003 at three places: s = 0.003; the captures' own noise is 0.001 each, so sqrt(8) 0.001 is left for
+// the places. As repeats at one place the whole scatter is repeatability.
+TEST(GaugeSummary, SeparatesRepeatabilityFromThePlaces) {
+  auto plan = plan_with(Measurand::diameter_error);
+  const std::vector<CaptureResult> results = {capture_of(0, 29.998), capture_of(1, 30.001), capture_of(2, 30.004)};
+  const auto places = summaries_of(plan.series[0], {sphere30()}, results, {20, 0, {}});
+  ASSERT_EQ(places.size(), 1u);
+  EXPECT_NEAR(places[0].mean_mm, 0, 1e-12);
+  EXPECT_NEAR(places[0].repeatability_mm, 0.001, 1e-12);
+  EXPECT_NEAR(places[0].reproducibility_mm, std::sqrt(8.0) * 0.001, 1e-12);
+  plan.series[0].repeats = true;
+  const auto repeats = summaries_of(plan.series[0], {sphere30()}, results, {20, 0, {}});
+  EXPECT_NEAR(repeats[0].repeatability_mm, 0.003, 1e-12);
+  EXPECT_EQ(repeats[0].reproducibility_mm, 0);
+}
+
 TEST(EvaluateSeries, TakesTheLargestFormStandardDeviation) {
   const auto plan = plan_with(Measurand::form_sd);
   const auto quantities = evaluate_series(plan, plan.series[0], {sphere30()}, {capture_of(0, 30), capture_of(2, 30)},
@@ -193,6 +212,8 @@ TEST(Verification, SurvivesTheWayThroughItsFileAndRefusesAnAlteredVerdict) {
   v.quantities = evaluate_series(plan, plan.series[0], {sphere30()}, {capture_of(0, 30), capture_of(1, 30.001)},
                                  {.environment = {20, 0.1, {}}});
   v.artefacts = {used(sphere30(), false)};
+  v.summaries = summaries_of(plan.series[0], {sphere30()}, {capture_of(0, 30), capture_of(1, 30.001)}, v.environment);
+  v.diagnosis = Diagnosis{.health = Health::degraded, .causes = {{"warm room", 0.9, 3, {{"warmer by", "K", 8, 0.5}}}}};
   v.provenance = {.program = "fringecal", .version = "0", .date = v.ended, .inputs = {{"scanner", "00"}}};
   const std::string text = to_json(to_value(v));
   EXPECT_EQ(to_json(to_value(verification_from(parse_json(text, "v"), "v"))), text);

@@ -93,6 +93,25 @@ TEST(Reconstruct, LeavesOutByNameWhatItCannotUse) {
   EXPECT_EQ(result.cloud.points.size(), 320u * 240u - 26u);
 }
 
+// The rule is on the normal found in the map; what it left is what an unfiltered cloud has within the angle.
+TEST(Reconstruct, LeavesOutGrazingPointsWhereAsked) {
+  const auto scanner = sample_scanner();
+  const auto map = exact_map(scanner, test::sphere({0, 0, 0}, 60));
+  const auto all = reconstruct(map, scanner), some = reconstruct(map, scanner, {.max_incidence_deg = 50});
+  const Eigen::Vector3d camera = scanner.world_from_cam().translation_mm,
+                        light = scanner.world_from_proj().translation_mm;
+  std::size_t expected = 0;
+  for (const auto& p : all.cloud.points) {
+    const auto faces = [&](const Eigen::Vector3d& pupil) {
+      return p.normal.dot((pupil - p.position_mm).normalized()) >= std::cos(50 * M_PI / 180);
+    };
+    expected += p.normal.isZero() || (faces(camera) && faces(light)) ? 1 : 0;
+  }
+  EXPECT_EQ(some.cloud.points.size(), expected);
+  EXPECT_GT(some.n_grazing, all.cloud.points.size() / 10);
+  EXPECT_EQ(some.n_grazing + some.cloud.points.size(), all.cloud.points.size());
+}
+
 TEST(Reconstruct, LeavesOutTheTwoSidesOfAStepInDepth) {
   const auto scanner = sample_scanner();
   const auto step = [&](const Eigen::Vector3d& origin, const Eigen::Vector3d& direction) {

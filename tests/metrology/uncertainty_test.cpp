@@ -33,6 +33,17 @@ TEST(Budget, GivesTheEndGaugeOfGumH1) {
   EXPECT_NEAR(combined.U, 93, 1);
 }
 
+// GUM H.1.7: the terms of second order, l_S u(delta alpha) u(theta) = 0.05 m 0.58e-6 0.41 = 11.7 nm and
+// l_S u(alpha_S) u(delta theta) = 0.05 m 1.2e-6 0.029 = 1.7 nm, make u_c 34 nm instead of 32 nm.
+TEST(Budget, GivesTheSecondOrderOfGumH1) {
+  auto budget = end_gauge();
+  budget.push_back({.name = "delta alpha and theta", .u = 0.58e-6 * 0.41, .unit = "1", .sensitivity = -50e6});
+  budget.push_back({.name = "alpha_S and delta theta", .u = 1.2e-6 * 0.029, .unit = "1", .sensitivity = -50e6});
+  EXPECT_NEAR(budget[6].u_of_quantity(), 11.7, 0.3);  // theta's u is published rounded to 0.41
+  EXPECT_NEAR(budget[7].u_of_quantity(), 1.7, 0.05);
+  EXPECT_NEAR(combine(budget, 0.99).u, 34, 0.5);
+}
+
 // GUM, table G.2: t_p(nu), two decimals.
 TEST(Budget, HasTheFactorsOfGumTableG2) {
   EXPECT_NEAR(student_factor(1, 0.9545), 13.97, 0.005);
@@ -100,6 +111,56 @@ TEST(MonteCarlo, GivesTheMassCalibrationOfJcgm101) {
   EXPECT_NEAR(result.shortest_low, 1.0834, 0.002);
   EXPECT_NEAR(result.shortest_high, 1.3825, 0.002);
   EXPECT_FALSE(validate(1.2340, 0.0539, 1.96 * 0.0539, result).valid);
+}
+
+// JCGM 101, 9.4: comparison loss of a power meter, delta Y = X1^2 + X2^2 with u = 0.005 each, in units of 1e-6. Published
+// (tables 6 and 7, Monte Carlo): y, u and the shortest 95 % interval; the mean and u also follow exactly,
+//   y = x1^2 + 2 u^2,  u^2 = 4 u^2 x1^2 + 4 u^4 (1 + r^2).
+// Tolerance: the published unit, and for the ends what the shortest interval scatters by at M = 4e6 (its ends move along
+// each other: some 3 units of 500).
+TEST(MonteCarlo, GivesTheMicrowaveComparisonLossOfJcgm101) {
+  struct Row {
+    double x1, r, y, u, low, high;
+  };
+  for (const Row& row :
+       {Row{0.000, 0.0, 50, 50, 0, 150}, Row{0.010, 0.0, 150, 112, 0, 367}, Row{0.050, 0.0, 2551, 502, 1590, 3543},
+        Row{0.000, 0.9, 50, 67, 0, 185}, Row{0.010, 0.9, 150, 121, 13, 398}, Row{0.050, 0.9, 2551, 505, 1628, 3555}}) {
+    const std::vector<RandomInput> inputs(2, {.scale = 1});
+    const MeasurementModel model = [&row](std::span<const double> z) {
+      const double x1 = row.x1 + 0.005 * z[0];
+      const double x2 = 0.005 * (row.r * z[0] + std::sqrt(1 - row.r * row.r) * z[1]);
+      return 1e6 * (x1 * x1 + x2 * x2);
+    };
+    const auto result = propagate(model, inputs, {.digits = 3, .max_trials = 4'000'000});
+    EXPECT_NEAR(result.y, row.y, 1.5) << row.x1 << " " << row.r;
+    EXPECT_NEAR(result.u, row.u, 1.0) << row.x1 << " " << row.r;
+    EXPECT_NEAR(result.shortest_low, row.low, 0.01 * row.u + 5) << row.x1 << " " << row.r;
+    EXPECT_NEAR(result.shortest_high, row.high, 0.01 * row.u + 5) << row.x1 << " " << row.r;
+  }
+}
+
+// JCGM 101, 9.5: the end gauge of GUM H.1 with its distributions, in nm. Published (table 11): Monte Carlo 838, u = 36,
+// shortest 99 % interval [745, 932]; the first-order GUM 838, 32, [745, 931]. Tolerances: the published unit and the ends'
+// scatter at M = 4e6, 0.5 % of u each: 1.5.
+TEST(MonteCarlo, GivesTheGaugeBlockCalibrationOfJcgm101) {
+  const std::vector<RandomInput> inputs = {
+      {.mean = 50'000'623, .form = Form::student_t, .scale = 25, .nu = 18},        // L_S
+      {.mean = 215, .form = Form::student_t, .scale = 6, .nu = 24},                // D_0
+      {.mean = 0, .form = Form::student_t, .scale = 4, .nu = 5},                   // d_1
+      {.mean = 0, .form = Form::student_t, .scale = 7, .nu = 8},                   // d_2
+      {.mean = 11.5e-6, .form = Form::rectangular, .scale = 2e-6},                 // alpha_S, 1/degC
+      {.mean = -0.1, .scale = 0.2},                                                // theta_0, degC
+      {.mean = 0, .form = Form::arcsine, .scale = 0.5},                            // Delta
+      {.mean = 0, .form = Form::rectangular, .scale = 1e-6, .limits_d = 0.1e-6},   // delta alpha
+      {.mean = 0, .form = Form::rectangular, .scale = 0.050, .limits_d = 0.025}};  // delta theta
+  const MeasurementModel model = [](std::span<const double> x) {
+    return x[0] + x[1] + x[2] + x[3] - x[0] * (x[7] * (x[5] + x[6]) + x[4] * x[8]) - 50e6;  // [JCGM101, 9.5.2]
+  };
+  const auto result = propagate(model, inputs, {.coverage = 0.99, .digits = 3, .max_trials = 4'000'000});
+  EXPECT_NEAR(result.y, 838, 1);
+  EXPECT_NEAR(result.u, 36, 0.6);
+  EXPECT_NEAR(result.shortest_low, 745, 2);
+  EXPECT_NEAR(result.shortest_high, 932, 2);
 }
 
 // JCGM 101, 7.9.2.1, note: u = 0.035 -> 35 x 10^-3 (two digits): delta 0.0005; one digit of 0.0999 is 1 x 10^-1.
