@@ -15,6 +15,10 @@
 #include <filesystem>
 #include <new>
 
+namespace fringecal::cli {
+void add_serve(CLI::App& app);
+}
+
 int main(int argc, char** argv) {
   using namespace fringecal;
   CLI::App app{"fringecal - commissions, verifies and certifies fringe-projection 3D scanners", "fringecal"};
@@ -43,6 +47,7 @@ int main(int argc, char** argv) {
   cli::add_devices(app);
   cli::add_virtual(app);
   cli::add_render(app);
+  cli::add_serve(app);
   try {
     app.parse(argc, argv);
     return 0;
