@@ -65,6 +65,7 @@ void serve_pages(const Options& o) {
   serve::Jobs jobs(workbench.serve_folder());
   const int lock = lock_of(workbench.serve_folder());
   serve::StateFeed feed(workbench, jobs);
+  serve::LiveFeed live(workbench, jobs);
   std::unique_ptr<serve::Gate> gate;
   serve::HttpOptions options{.address = o.address,
                              .port = o.port.value_or(0),
@@ -76,7 +77,7 @@ void serve_pages(const Options& o) {
     return std::make_unique<serve::HttpServer>(
         options, [&](const serve::HttpRequest& request) { return gate->check(request); },
         [&](const serve::HttpRequest& request) {
-          return serve::answer(request, {*gate, workbench, jobs, feed});
+          return serve::answer(request, {*gate, workbench, jobs, feed, live});
         });
   };
   std::unique_ptr<serve::HttpServer> server;

@@ -74,8 +74,11 @@ class BoundedQueue final : public httplib::TaskQueue {
 class Server final : public httplib::Server {
  public:
   explicit Server(SSL_CTX* tls) : tls_(tls) {}
+  /// httplib listens with room for five: the sixth connection that comes at once would wait a second for its next try.
+  void make_room() { ::listen(svr_sock_, kBacklog); }
 
  private:
+  static constexpr int kBacklog = 1024;
   bool process_and_close_socket(socket_t socket) override {
     if (refusing) {
       constexpr std::string_view kBusy =
@@ -238,7 +241,10 @@ HttpServer::HttpServer(const HttpOptions& options, Gate gate, Handler handler)
   state_->port = options.port > 0 && state_->server.bind_to_port(options.address, options.port)
                      ? options.port
                      : (options.port > 0 ? -1 : state_->server.bind_to_any_port(options.address));
-  if (state_->port > 0) return;
+  if (state_->port > 0) {
+    state_->server.make_room();
+    return;
+  }
   throw EnvironmentError(fmt::format("serve: {}{} cannot be served; it is in use or not an address of this machine",
                                      options.address, options.port > 0 ? fmt::format(":{}", options.port) : ""));
 }

@@ -56,6 +56,7 @@ HttpResponse get(const HttpRequest& request, Rooms r) {
   if (auto found = page(path)) return *found;
   if (path == "/api/state") return {.body = r.feed.state()};
   if (path == "/api/events") return {.events = r.feed.events()};
+  if (path == "/api/live") return {.events = r.live.events()};
   if (path == "/api/alignment") return json(r.workbench.alignment());
   if (path == "/api/calibration") return json(r.workbench.calibration());
   if (path == "/api/verification") return json(r.workbench.verification(asked(request, "name")));
@@ -86,6 +87,7 @@ HttpResponse post(const HttpRequest& request, Rooms r) {
   }
   if (request.path == "/api/job/start") {
     const auto words = r.workbench.command(body);
+    if (!r.jobs.running()) r.live.end();  // the job needs the camera
     if (!r.jobs.start(words))
       return refused(409, "A job is running on this folder already; wait for its end or stop it.");
     return {.status = 202, .body = to_json(r.jobs.state())};

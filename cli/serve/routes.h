@@ -4,6 +4,7 @@
 #include "cli/serve/gate.h"
 #include "cli/serve/http.h"
 #include "cli/serve/jobs.h"
+#include "cli/serve/live_feed.h"
 #include "cli/serve/state_feed.h"
 #include "cli/serve/workbench.h"
 
@@ -14,6 +15,7 @@ struct Rooms {
   Workbench& workbench;
   Jobs& jobs;
   StateFeed& feed;
+  LiveFeed& live;
 };
 
 /// The answer to a request that has passed the gate. Input that cannot be used is 422 with its sentence.

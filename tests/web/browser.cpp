@@ -78,6 +78,8 @@ Value Browser::command(const std::string& method, const std::string& path, const
   const std::string head =
       fmt::format("Host: 127.0.0.1:{}\r\nContent-Type: application/json\r\nContent-Length: {}\r\n", port_, body.size());
   const Answer a = talk(port_, Served::request(method, path, head) + body, 90);
+  if (a.body.empty())
+    throw std::runtime_error(fmt::format("chromedriver gave no answer to {} (status {})", path, a.status));
   const Value answer = parse_json(a.body, "chromedriver");
   const Value* value = answer.find("value");
   if (a.status != 200 || !value) throw std::runtime_error(fmt::format("{}: {} {}", path, a.status, a.body));

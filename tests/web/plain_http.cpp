@@ -41,7 +41,8 @@ bool parse(const std::string& bytes, Answer& out) {
     const std::size_t end = bytes.find("\r\n", at), colon = bytes.find(':', at);
     std::string name = bytes.substr(at, colon - at);
     std::transform(name.begin(), name.end(), name.begin(), [](unsigned char c) { return std::tolower(c); });
-    out.headers.emplace(name, bytes.substr(colon + 2, end - colon - 2));
+    const std::size_t value = std::min(bytes.find_first_not_of(' ', colon + 1), end);
+    out.headers.emplace(name, bytes.substr(value, end - value));
     at = end + 2;
   }
   out.body = bytes.substr(head + 4);
