@@ -5,11 +5,12 @@ import {number} from './texts.js';
 
 /// Round steps for about `count` of them.
 export function steps(low, high, count = 5) {
+  [low, high] = [Math.min(low, high), Math.max(low, high)];
   const span = high - low || Math.abs(high) || 1;
   const rough = span / count, power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough) ?? 10 * power;
   const out = [];
-  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * span; ++k) out.push(k * step);
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * span; ++k) out.push(k * step || 0);
   return {values: out, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9))};
 }
 

@@ -16,7 +16,7 @@ function scale(step) {
     svg('line', {class: 'axis', x1: X(0), x2: X(0), y1: 20, y2: 88}),
     svg('line', {class: 'whisker', x1: X(step.delta_um - U), x2: X(step.delta_um + U), y1: 50, y2: 50, 'stroke-width': 6}),
     svg('circle', {class: inside ? 'good' : 'bad', cx: X(step.delta_um), cy: 50, r: 13}),
-    [-limit, 0, limit].map((v) => svg('text', {class: 'strong', x: X(v), y: 108, 'text-anchor': 'middle', 'font-size': 20}, v === 0 ? '0' : signed(v, 1))));
+    [-limit, 0, limit].map((v) => svg('text', {class: 'strong large', x: X(v), y: 110, 'text-anchor': 'middle'}, v === 0 ? '0' : signed(v, 1))));
 }
 
 /// A turning arrow: three quarters of a circle in the sense of the turn.
@@ -93,7 +93,7 @@ export function show(main) {
     replace(large,
       el('section.card', {'aria-label': t('align.delta')}, el('h2', t('align.delta.bit', {bit: step.bit})),
         el('p.figure', {id: 'delta'}, `${signed(step.delta_um, digits)} µm`),
-        el('p.interval', `± ${number(2 * step.u_delta_um, digits)} µm (k = 2) · ${t('align.tolerance', {limit: number(step.tolerance_um, 1)})}`),
+        el('p.interval', `± ${number(2 * step.u_delta_um, digits)} µm (k = 2)`), el('p.interval', t('align.tolerance', {limit: number(step.tolerance_um, 1)})),
         scale(step), el('p', `θ = ${plusMinus(measured.theta_mrad, 2 * measured.u_theta_mrad)} mrad (k = 2)`)),
       el('section.card', {'aria-label': t('align.instruction')}, el('h2', t('align.instruction')), instruction(step, draw)));
     replace(lower, el('section.card', el('h2', t('align.history')), history(iterations)),

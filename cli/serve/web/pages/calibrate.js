@@ -56,6 +56,11 @@ function residuals(data) {
   return [f.node, el('p.soft.small', t('calibrate.residuals.words', {n: kStretch}))];
 }
 
+/// On a glass grating the remainder is far below a micrometre.
+function projector(k) {
+  return k.projector_unit === 'mm' ? {projector: number(1e6 * k.projector_rms, 1), unit: 'nm'} : {projector: number(k.projector_rms), unit: k.projector_unit};
+}
+
 function parameters(data) {
   if (!data.parameters) return [];
   return [table([{text: t('calibrate.parameter')}, {text: t('calibrate.value'), numeric: true}, {text: 'u', numeric: true}, {text: t('unit')}],
@@ -72,7 +77,7 @@ export function show(main) {
     const tiles = el('ul.tiles', Array.from({length: c.poses_planned ?? 0}, (_, i) => el(i < done ? 'li.done' : 'li', i < done ? `✓ ${i + 1}` : String(i + 1))));
     const k = c.calibration;
     replace(head, el('h2', t('calibrate.poses', {done, of: c.poses_planned ?? 0})), tiles,
-      k ? el('p', t('calibrate.summary', {px: number(k.camera_rms_px, 3), projector: number(k.projector_rms), unit: k.projector_unit, board: number(1000 * k.grid_rms_mm, 1)}))
+      k ? el('p', t('calibrate.summary', {px: number(k.camera_rms_px, 3), ...projector(k), board: number(1000 * k.grid_rms_mm, 1)}))
         : el('p.soft', t(done ? 'calibrate.under.way' : 'calibrate.none')));
     if (!k) {
       replace(grid);

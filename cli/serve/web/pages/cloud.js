@@ -19,7 +19,7 @@ export function show(main) {
   const message = el('p', {role: 'status'}), trouble = el('p.trouble', {role: 'alert'}), shown = el('p.soft.small', {id: 'shown'}), scale = el('p.soft.small');
   const canvas = el('canvas', {tabindex: '0', role: 'img', 'aria-label': t('cloud.canvas')});
   const panel = el('div.panel.card'), source = el('section.card');
-  replace(main, el('h1', t('nav.cloud')), source, el('div.view.wide', el('div', canvas, shown, scale, message, trouble), panel));
+  replace(main, el('h1', t('nav.cloud')), source, el('div.view', el('div', el('div.cloud-place', canvas), shown, scale, message, trouble), panel));
 
   const paint = (kind) => {
     const c = cloud.columns, key = kColours[kind] ?? '';
