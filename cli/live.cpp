@@ -5,6 +5,7 @@
 #include "core/value.h"
 #include "hw/light_on.h"
 #include "hw/live_figures.h"
+#include "hw/live_picture.h"
 #include "hw/open_plc.h"
 #include "hw/scanner_file.h"
 
@@ -27,6 +28,7 @@ struct Options {
   std::optional<double> exposure_ms;
   std::optional<int> pattern;
   int frames = 0;
+  std::optional<int> picture_px;
   bool json = false;
 };
 
@@ -57,6 +59,20 @@ void show(const hw::LiveFigures& f, double rate_hz, double best_sharpness, bool 
     fmt::print("\033[K  modulation {}   {:.1f} per second   Ctrl-C ends\n", modulation, rate_hz);
   }
   std::fflush(stdout);
+}
+
+/// RFC 4648, section 4.
+std::string base64(const std::vector<std::uint8_t>& bytes) {
+  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  std::string out;
+  out.reserve((bytes.size() + 2) / 3 * 4);
+  for (std::size_t i = 0; i < bytes.size(); i += 3) {
+    const std::size_t n = std::min<std::size_t>(3, bytes.size() - i);
+    unsigned group = 0;
+    for (std::size_t k = 0; k < 3; ++k) group = group << 8 | (k < n ? bytes[i + k] : 0u);
+    for (std::size_t k = 0; k < 4; ++k) out += k <= n ? kDigits[group >> (18 - 6 * k) & 63] : '=';
+  }
+  return out;
 }
 
 void run(const Options& o) {
@@ -115,6 +131,11 @@ void run(const Options& o) {
                        .set("rate_hz", rate_hz)
                        .set("histogram", Value::numbers(f.histogram));
       if (f.modulation) line.set("modulation", *f.modulation);
+      if (o.picture_px) {
+        const Image8 picture = hw::live_picture(frame.image, saturation, *o.picture_px);
+        line.set("width_px", picture.width()).set("height_px", picture.height());
+        line.set("grey_base64", base64(picture.values()));
+      }
       fmt::print("{}", to_json(line));
       std::fflush(stdout);
     } else {
@@ -141,7 +162,13 @@ void add_live(CLI::App& app) {
   command->add_option("--frames", o->frames, "Stop after so many frames; 0: at Ctrl-C")
       ->check(CLI::NonNegativeNumber)
       ->capture_default_str();
-  command->add_flag("--json", o->json, "Print the figures of every frame as JSON");
+  auto* json = command->add_flag("--json", o->json, "Print the figures of every frame as JSON");
+  command
+      ->add_option(
+          "--picture", o->picture_px,
+          "With --json: a picture with no side longer than so many pixels, 8-bit grey as base64, 255: saturated")
+      ->check(CLI::Range(16, 4096))
+      ->needs(json);
   command->footer("Example: fringecal live --scanner scanner.toml --pattern 10");
   command->callback([o] { run(*o); });
 }

@@ -70,6 +70,7 @@ int main(int argc, char** argv) {
   cli::add_devices(app);
   cli::add_virtual(app);
   cli::add_render(app);
+  cli::add_serve(app);
   cli::add_manual(app);
   try {
     app.parse(argc, argv);

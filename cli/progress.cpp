@@ -1,11 +1,15 @@
 #include "cli/progress.h"
 
+#include "core/file.h"
+#include "core/value.h"
+
 #include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
 
 namespace fringecal::cli {
 namespace {
@@ -13,6 +17,16 @@ namespace {
 std::string as_minutes(double seconds) {
   const int s = static_cast<int>(seconds + 0.5);
   return fmt::format("{}:{:02}", s / 60, s % 60);
+}
+
+/// FRINGECAL_PROGRESS_FILE in the environment names a file that always holds the newest state, for whoever watches:
+/// {"fraction": 0 .. 1, "what": TEXT, "left_s": absent until something was measured}.
+void tell(double fraction, const std::string& what, std::optional<double> left_s) {
+  const char* file = std::getenv("FRINGECAL_PROGRESS_FILE");
+  if (!file) return;
+  Value now = Value::object().set("fraction", fraction).set("what", what);
+  if (left_s) now.set("left_s", *left_s);
+  write_atomically(file, to_json(now));
 }
 
 }  // namespace
@@ -41,12 +55,14 @@ void Progress::finish_step(const std::string& sentence) {
 }
 
 void Progress::draw() {
-  if (!terminal_) return;
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
-  std::string left = "estimating the time left";
-  if (measured_ > 0)
-    left = fmt::format("about {} left", as_minutes(elapsed / measured_ * std::max(0.0, total_ - done_)));
-  fmt::print(stderr, "\r\033[K{:3.0f} %  {}  ({})", 100.0 * std::min(1.0, done_ / total_), what_, left);
+  const double fraction = std::min(1.0, done_ / total_);
+  std::optional<double> left_s;
+  if (measured_ > 0) left_s = elapsed / measured_ * std::max(0.0, total_ - done_);
+  tell(fraction, what_, left_s);
+  if (!terminal_) return;
+  const std::string left = left_s ? fmt::format("about {} left", as_minutes(*left_s)) : "estimating the time left";
+  fmt::print(stderr, "\r\033[K{:3.0f} %  {}  ({})", 100.0 * fraction, what_, left);
   std::fflush(stderr);
 }
 

@@ -1,0 +1,246 @@
+// The page's server under requests that it must refuse, and the job that it starts: bytes on sockets, no browser.
+#include "core/file.h"
+#include "tests/support/long_tests.h"
+#include "tests/web/served.h"
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <cstdlib>
+#include <fstream>
+#include <thread>
+
+namespace fringecal::test {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
+
+std::string text(const Value& tree, const char* key) {
+  const Value* v = tree.find(key);
+  return v && v->if_text() ? *v->if_text() : "";
+}
+
+const Value& job_of(const Value& state) { return *state.find("job"); }
+
+TEST(Serve, TheTokenOpensOnceAndTheCookieIsForThisPageOnly) {
+  const ScratchFolder folder;
+  Served served(folder.path());
+  EXPECT_TRUE(served.address().starts_with("http://127.0.0.1:")) << served.address();
+  EXPECT_EQ(served.get("/").status, 401);
+  EXPECT_EQ(served.get("/api/state").status, 401);
+  EXPECT_EQ(served.get("/?token=0123").status, 401);
+  const Answer first = served.get(served.first_path());
+  EXPECT_EQ(first.status, 303);
+  EXPECT_EQ(first.header("location"), "/");
+  const std::string cookie = first.header("set-cookie");
+  EXPECT_NE(cookie.find("HttpOnly"), std::string::npos) << cookie;
+  EXPECT_NE(cookie.find("SameSite=Strict"), std::string::npos) << cookie;
+  EXPECT_EQ(served.get(served.first_path()).status, 401) << "the token opens twice";
+  // A new address for another browser is printed.
+  const std::string second = served.program().line();
+  ASSERT_TRUE(second.starts_with("http://127.0.0.1:"));
+  EXPECT_NE(second, served.address());
+}
+
+TEST(Serve, EveryAnswerForbidsWhatIsNotItsOwn) {
+  const ScratchFolder folder;
+  Served served(folder.path());
+  served.sign_in();
+  for (const char* path : {"/", "/app.js", "/style.css", "/api/state", "/nothing"}) {
+    const Answer a = served.get(path);
+    const std::string policy = a.header("content-security-policy");
+    EXPECT_NE(policy.find("default-src 'none'"), std::string::npos) << path;
+    EXPECT_EQ(policy.find("unsafe"), std::string::npos) << path;
+    EXPECT_EQ(a.header("x-content-type-options"), "nosniff") << path;
+  }
+  EXPECT_EQ(served.get("/").status, 200);
+  EXPECT_EQ(served.get("/nothing").status, 404);
+  EXPECT_EQ(served.get("/pages").status, 404) << "a folder is listed";
+}
+
+TEST(Serve, RefusesOtherHostsOriginsTypesAndMethods) {
+  const ScratchFolder folder;
+  Served served(folder.path());
+  served.sign_in();
+  const auto status = [&](const std::string& method, const std::string& headers, const std::string& body = "") {
+    return talk(served.port(), Served::request(method, "/api/job/start", headers + served.cookie_line()) + body).status;
+  };
+  const std::string json = "Content-Type: application/json\r\nContent-Length: 2\r\n",
+                    own = "Origin: http://" + served.host() + "\r\n";
+  EXPECT_EQ(status("GET", "Host: evil.example\r\n"), 421) << "a name rebound to this machine";
+  EXPECT_EQ(status("GET", served.own() + served.own()), 421) << "two hosts";
+  EXPECT_EQ(status("GET", served.own() + "Origin: http://evil.example\r\n"), 403);
+  EXPECT_EQ(status("POST", served.own() + json, "{}"), 403) << "no origin";
+  EXPECT_EQ(status("POST", served.own() + json + "Origin: http://evil.example\r\n", "{}"), 403);
+  EXPECT_EQ(status("POST", served.own() + json + "Origin: null\r\n", "{}"), 403);
+  EXPECT_EQ(status("POST", served.own() + own + "Content-Type: text/plain\r\nContent-Length: 2\r\n", "{}"), 415);
+  EXPECT_EQ(status("DELETE", served.own()), 405);
+  EXPECT_EQ(status("POST", served.own() + own + json, "{}"), 422) << "names no command";
+  EXPECT_EQ(text(job_of(served.state()), "state"), "none");
+}
+
+TEST(Serve, RefusesPathsThatLeaveItsRooms) {
+  const ScratchFolder folder;
+  folder.write("secret.ply", "secret");
+  Served served(folder.path());
+  served.sign_in();
+  for (const char* path :
+       {"/../etc/passwd", "/a/../../etc/passwd", "/%2e%2e/etc/passwd", "/..", "/a\\..\\b", "/three/../pages"}) {
+    EXPECT_EQ(served.get(path).status, 400) << path;
+  }
+  for (const char* query :
+       {"/api/cloud?name=../secret.ply", "/api/cloud?name=%2e%2e%2fsecret.ply", "/api/cloud?name=..",
+        "/api/verification?name=../", "/certificate?folder=..&file=secret.ply", "/three/package.json"}) {
+    const Answer a = served.get(query);
+    EXPECT_TRUE(a.status == 422 || a.status == 404) << query << ": " << a.status;
+    EXPECT_EQ(a.body.find("secret\n"), std::string::npos);
+  }
+  EXPECT_EQ(served.post("/api/job/start", R"({"command": "measure", "capture": "../../etc"})").status, 422);
+  EXPECT_EQ(served.post("/api/job/start", R"({"command": "virtual"})").status, 422);
+  EXPECT_EQ(served.post("/api/job/start", R"({"command": "commission", "output": "/tmp/x"})").status, 422);
+}
+
+/// Kilobytes of memory a process has.
+long resident_kB(int process) {
+  std::ifstream in("/proc/" + std::to_string(process) + "/status");
+  for (std::string line; std::getline(in, line);) {
+    if (line.starts_with("VmHWM:")) return std::atol(line.c_str() + 6);
+  }
+  return 0;
+}
+
+int process_of(const std::filesystem::path& folder) {
+  for (const auto& entry : std::filesystem::directory_iterator("/proc")) {
+    const std::string name = entry.path().filename().string();
+    if (name.find_first_not_of("0123456789") != std::string::npos) continue;
+    std::ifstream in(entry.path() / "cmdline", std::ios::binary);
+    const std::string words{std::istreambuf_iterator<char>(in), {}};
+    if (words.find(std::string("serve\0", 6) + folder.string()) != std::string::npos) return std::stoi(name);
+  }
+  return 0;
+}
+
+TEST(Serve, A100MegabyteBodyIsRefusedInBoundedTimeAndMemory) {
+  const ScratchFolder folder;
+  Served served(folder.path());
+  served.sign_in();
+  const long before = resident_kB(process_of(folder.path()));
+  ASSERT_GT(before, 0);
+  const std::string head = served.own() + served.cookie_line() + "Origin: http://" + served.host() +
+                           "\r\nContent-Type: application/json\r\nContent-Length: 100000000\r\n";
+  const auto begin = Clock::now();
+  const Answer a = talk(served.port(), Served::request("POST", "/api/job/start", head) + std::string(100'000'000, ' '));
+  EXPECT_NE(a.status / 100, 2);
+  // The server reads 128 kB of it and closes; its own limit of time is 5 s.
+  EXPECT_LT(seconds_since(begin), 10);
+  // One connection's buffers are below 1 MB; 16 MB leave room for the allocator and a thread's stacks.
+  EXPECT_LT(resident_kB(process_of(folder.path())) - before, 16 * 1024);
+  EXPECT_EQ(served.get("/api/state").status, 200);
+}
+
+/// Connections that begin a request and do not end it. 10 000 with FRINGECAL_LONG=1 and where the machine allows them,
+/// otherwise 600: six times what the server has places for.
+TEST(Serve, SlowConnectionsAreRefusedAndTheServerIsBackAfterItsLimit) {
+  const ScratchFolder folder;
+  Served served(folder.path());
+  served.sign_in();
+  rlimit files{};
+  getrlimit(RLIMIT_NOFILE, &files);
+  files.rlim_cur = files.rlim_max;
+  setrlimit(RLIMIT_NOFILE, &files);
+  const std::size_t wanted = std::min<std::size_t>(long_tests() ? 10'000 : 600, files.rlim_cur - 64);
+  const long before = resident_kB(process_of(folder.path()));
+  const auto begin = Clock::now();
+  std::vector<int> slow;
+  for (std::size_t i = 0; i < wanted; ++i) {
+    const int s = connect_to(served.port());
+    if (s < 0) continue;
+    const std::string half = "GET / HTTP/1.1\r\nHost: ";
+    (void)!::write(s, half.data(), half.size());
+    slow.push_back(s);
+  }
+  EXPECT_GT(slow.size(), wanted * 9 / 10);
+  std::printf("%zu slow connections in %.2f s, %ld kB more\n", slow.size(), seconds_since(begin),
+              resident_kB(process_of(folder.path())) - before);
+  // The workers end them after 5 s each, four rounds for what waits (64 places, 24 workers): 20 s, then there is room.
+  bool back = false;
+  while (!back && seconds_since(begin) < 60) {
+    back = served.get("/api/state").status == 200;
+    if (!back) std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  EXPECT_TRUE(back);
+  std::printf("answers again after %.2f s\n", seconds_since(begin));
+  EXPECT_LT(seconds_since(begin), 40);
+  EXPECT_LT(resident_kB(process_of(folder.path())) - before, 64 * 1024);
+  for (const int s : slow) ::close(s);
+}
+
+/// Waits for a state of the job; the last one seen.
+Value wait_for(const Served& served, const std::string& wanted, double limit_s) {
+  Value state;
+  for (const auto begin = Clock::now(); seconds_since(begin) < limit_s;) {
+    state = served.state();
+    if (text(job_of(state), "state") == wanted) return state;
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  }
+  return state;
+}
+
+constexpr const char* kCommission = R"({"command": "commission", "seed": 3, "repeats": 1, "in_process": true})";
+
+TEST(Serve, ACommandThatFailsSaysSoAsOnTheCommandLine) {
+  const ScratchFolder folder;
+  Served served(folder.path());
+  served.sign_in();
+  ASSERT_EQ(served.post("/api/job/start", R"({"command": "verify", "plan": "quick"})").status, 202);
+  const Value state = wait_for(served, "ended", 60);
+  const Value& job = job_of(state);
+  ASSERT_NE(job.find("exit_code"), nullptr);
+  EXPECT_EQ(*job.find("exit_code")->if_integer(), 2);
+  EXPECT_NE(to_json(*job.find("lines")).find("finished commissioning"), std::string::npos) << to_json(job);
+}
+
+TEST(Serve, OneJobAtATimeAndARestartedServerFindsItAndItsBrowser) {
+  const ScratchFolder folder;
+  auto served = std::make_unique<Served>(folder.path());
+  served->sign_in();
+  ASSERT_EQ(served->post("/api/job/start", kCommission).status, 202);
+  EXPECT_EQ(served->post("/api/job/start", kCommission).status, 409) << "two captures at once";
+  const auto other = run_fringecal({"serve", folder.path().string()});
+  EXPECT_EQ(other.exit_code, 2) << "a second server on the folder";
+  const auto second = run_fringecal(
+      {"commission", "--virtual", "--output", (folder / "commissioning").string(), "--seed", "3", "--repeats", "1"});
+  EXPECT_EQ(second.exit_code, 2) << "a second commissioning on the command line";
+  served->program().send(SIGKILL);
+  served->program().wait();
+  const int port = served->port();
+  const std::string cookie = served->cookie();
+  served = std::make_unique<Served>(folder.path(), port);
+  const std::string head = "Host: 127.0.0.1:" + std::to_string(served->port()) + "\r\nCookie: " + cookie + "\r\n";
+  served->sign_in();
+  Value state = served->state();
+  EXPECT_EQ(text(job_of(state), "state"), "running") << to_json(state);
+  EXPECT_EQ(served->post("/api/job/start", kCommission).status, 409);
+  EXPECT_EQ(talk(port, Served::request("GET", "/api/state", head)).status, 200) << "the browser signs in again";
+  EXPECT_EQ(served->post("/api/job/stop", "{}").status, 202);
+  state = wait_for(*served, "ended", 60);
+  const Value& job = job_of(state);
+  ASSERT_NE(job.find("exit_code"), nullptr) << to_json(state);
+  EXPECT_EQ(*job.find("exit_code")->if_integer(), 130);
+  EXPECT_EQ(text(state, "next"), "continue");
+}
+
+TEST(Serve, OtherAddressesNeedTlsAndAPassword) {
+  const ScratchFolder folder;
+  const auto run = run_fringecal({"serve", folder.path().string(), "--address", "0.0.0.0"});
+  EXPECT_EQ(run.exit_code, 2);
+  EXPECT_NE(run.errors.find("--tls-certificate"), std::string::npos) << run.errors;
+}
+
+}  // namespace
+}  // namespace fringecal::test
