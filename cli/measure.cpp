@@ -80,9 +80,10 @@ void measure(Options& o) {
   const auto result = metrology::reconstruct(map.map, scanner, o.reconstruct);
   if (result.cloud.points.empty()) {
     throw InputError(
-        fmt::format("{}: no pixel gives a point ({} without usable phase, {} at edges, {} noisy): check light "
-                    "and exposure",
-                    o.capture, result.n_invalid, result.n_edge, result.n_noisy));
+        fmt::format("{}: no pixel gives a point ({} without usable phase, {} at edges, {} with more than {} mm of "
+                    "uncertainty along the "
+                    "ray): check light and exposure, or allow more with --max-u-mm",
+                    o.capture, result.n_invalid, result.n_edge, result.n_noisy, o.reconstruct.max_u_along_ray_mm));
   }
   metrology::write_ply(o.output, result.cloud);
   const auto summary = metrology::summary_of(result.cloud);
