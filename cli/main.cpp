@@ -12,12 +12,16 @@
 #include <unistd.h>
 #include <CLI/CLI.hpp>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <filesystem>
 #include <new>
+#include <numeric>
 #include <string>
+#include <utility>
+#include <vector>
 
 namespace {
 
@@ -34,6 +38,33 @@ void be_careful(int argc, char** argv) {
         "FRINGECAL_ROOT_IS_MEANT).\n",
         stderr);
   }
+}
+
+/// A first word that is no command gets an answer with the command it resembles most.
+void refuse_unknown(const CLI::App& app, int argc, char** argv) {
+  const std::string word = argc > 1 ? argv[1] : "";
+  if (word.empty() || word.front() == '-') return;
+  // Levenshtein's distance by rows.
+  const auto distance = [](const std::string& a, const std::string& b) {
+    std::vector<std::size_t> row(b.size() + 1);
+    std::iota(row.begin(), row.end(), std::size_t{0});
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      std::size_t diagonal = row[0]++;
+      for (std::size_t j = 0; j < b.size(); ++j) {
+        diagonal = std::exchange(row[j + 1], std::min({diagonal + (a[i] != b[j]), row[j] + 1, row[j + 1] + 1}));
+      }
+    }
+    return row.back();
+  };
+  std::string nearest;
+  for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
+    const std::string& name = command->get_name();
+    if (name == word) return;
+    if (nearest.empty() || distance(word, name) < distance(word, nearest)) nearest = name;
+  }
+  const bool close = distance(word, nearest) <= 3;
+  throw fringecal::InputError("'" + word + "' is not a command" + (close ? "; did you mean '" + nearest + "'?" : "") +
+                              " (fringecal --help lists them)");
 }
 
 }  // namespace
@@ -72,7 +103,13 @@ int main(int argc, char** argv) {
   cli::add_render(app);
   cli::add_serve(app);
   cli::add_manual(app);
+  app.failure_message([](const CLI::App* program, const CLI::Error& e) {
+    std::string called = "fringecal";
+    for (const CLI::App* command : program->get_subcommands()) called += " " + command->get_name();
+    return called + ": " + e.what() + "; " + called + " --help tells more\n";
+  });
   try {
+    refuse_unknown(app, argc, argv);
     app.parse(argc, argv);
     return 0;
   } catch (const CLI::ParseError& e) {

@@ -16,7 +16,9 @@
 #include <fmt/format.h>
 #include <unistd.h>
 #include <CLI/CLI.hpp>
+#include <algorithm>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <memory>
@@ -77,6 +79,8 @@ void serve(const Options& o) {
   virt::PlcCoreOptions plc = virt::plc_options_of(scanner);
   plc.per_pattern = std::chrono::milliseconds(o.motion_ms);
   plc.homing = std::chrono::milliseconds(o.motion_ms);
+  // The way home is the longest one: the PLC supervises it with half as much again.
+  plc.motion_limit = std::max(plc.motion_limit, 3 * plc.patterns * plc.per_pattern / 2);
   plc.watchdog = std::chrono::milliseconds(o.watchdog_ms);
   virt::PlcCore core(plc);
   hw::VirtualSelection selection = scene_selection(o.scene);

@@ -271,11 +271,9 @@ Value Workbench::history_list() const {
   if (there(history())) {
     const metrology::History file(history(), metrology::History::Access::read);
     const auto all = file.entries();
-    std::vector<metrology::HistoryEntry> verifications;
     for (const auto& e : all) {
       Value entry = Value::object().set("number", e.number).set("date", e.date).set("kind", e.kind).set("hash", e.hash);
       if (e.kind == "verification") {
-        verifications.push_back(e);
         const auto v = metrology::verification_of(e);
         const auto verdict = metrology::verdict_of(v);
         entry.set("plan", v.plan).set("scanner", v.scanner);
@@ -283,7 +281,7 @@ Value Workbench::history_list() const {
       }
       entries.append(entry);
     }
-    for (const auto& key : metrology::quantities_of(verifications)) {
+    for (const auto& key : metrology::quantities_of(file)) {
       quantities.append(Value::object().set("symbol", key.symbol).set("artefact", key.artefact));
     }
   }
@@ -325,16 +323,16 @@ fs::path Workbench::certificate_file(const std::string& folder, const std::strin
 }
 
 Value Workbench::history_chart(const std::string& symbol, const std::string& artefact) const {
-  const auto entries = metrology::History(history(), metrology::History::Access::read).entries("verification");
-  const auto series = metrology::series_of(entries, {symbol, artefact, std::nullopt});
+  const metrology::History file(history(), metrology::History::Access::read);
+  const auto series = metrology::series_of(file, {symbol, artefact, std::nullopt});
   Value points = Value::array();
   const auto chart = metrology::control_chart(series.values);
   for (std::size_t i = 0; i < series.values.size(); ++i) {
     Value point = Value::object()
                       .set("number", series.numbers[i])
                       .set("day", series.values[i].day)
-                      .set("value", series.values[i].value)
-                      .set("U", series.U[i]);
+                      .set("value", series.values[i].value);
+    if (series.U[i]) point.set("U", *series.U[i]);
     if (chart) {
       Value signals = Value::array();
       for (const auto signal : chart->points[i].signals) signals.append(name_of(signal));

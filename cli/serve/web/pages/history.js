@@ -14,7 +14,7 @@ function draw(chart, zoom) {
   const lines = [chart.lower_limit, chart.upper_limit].filter((v) => v !== undefined);
   const control = chart.s === undefined ? [] : [chart.mean - 3 * chart.s, chart.mean, chart.mean + 3 * chart.s];
   const x = [points[0].x - 0.5, Math.max(points.at(-1).x, points[0].x + 1) + 0.5];
-  const f = frame({x, y: range([...points.flatMap((p) => [p.value - p.U, p.value + p.U]), ...lines, ...control]), width: 1100, height: 380,
+  const f = frame({x, y: range([...points.flatMap((p) => [p.value - (p.U ?? 0), p.value + (p.U ?? 0)]), ...lines, ...control]), width: 1100, height: 380,
     xLabel: t('history.axis'), yLabel: `${chart.name} / ${chart.unit}`, label: t('history.chart.label', {name: chart.name, n: points.length}),
     xText: (v) => {
       const p = points.find((q) => q.x === v);
@@ -23,7 +23,7 @@ function draw(chart, zoom) {
   const across = (cls, v) => svg('line', {class: cls, x1: f.X(x[0]), x2: f.X(x[1]), y1: f.Y(v), y2: f.Y(v)});
   f.add(...lines.map((v) => across('limit', v)), ...control.map((v) => across('control', v)),
     svg('path', {class: 'line', d: path(points.map((p) => [p.x, p.value]), f.X, f.Y)}),
-    ...points.flatMap((p) => [svg('line', {class: 'whisker', x1: f.X(p.x), x2: f.X(p.x), y1: f.Y(p.value - p.U), y2: f.Y(p.value + p.U)}),
+    ...points.flatMap((p) => [svg('line', {class: 'whisker', x1: f.X(p.x), x2: f.X(p.x), y1: f.Y(p.value - (p.U ?? 0)), y2: f.Y(p.value + (p.U ?? 0))}),
       svg('circle', {class: p.signals?.length ? 'bad' : 'dot', cx: f.X(p.x), cy: f.Y(p.value), r: 5},
         svg('title', {}, `${p.number}: ${plusMinus(p.value, p.U)} ${chart.unit}`))]));
   return f.node;
