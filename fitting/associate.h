@@ -14,6 +14,7 @@
 //   is_round(points, surface)     whether the points show the surface's curvature at all
 #pragma once
 
+#include "fitting/huge_pages.h"
 #include "fitting/least_squares.h"
 #include "fitting/rejection.h"
 
@@ -202,15 +203,23 @@ Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, cons
   const FramedPoints& framed = points.framed;
   // Enough to come near; where they happen not to determine the shape, more.
   const std::size_t few = std::clamp<std::size_t>(static_cast<std::size_t>(framed.n) / 50, 300, 3000), many = 20000;
+  constexpr double kMany = 200000;  // from here on a descent over `many` costs less than the pass that it saves
   if (std::string why = Shape::why_flat(points); !why.empty()) return unanswerable(std::move(why));
   DescentOptions descent{.max_iterations = options.max_iterations,
                          .hold_curvature = options.fixed_diameter_mm && M > 3,
                          .distances_mm = distances_mm,
-                         .start_is_close = M == 3 && points.axes.values[1] > 1e-4 * points.axes.values[2]};
+                         .start_is_close = M == 3 && points.axes.values[1] > 1e-4 * points.axes.values[2],
+                         .start_is_near = start_mm || framed.n >= kMany};
   const auto descend = [&](const Surface& start) {
     Surface from = Shape::convex(start);
     if (descent.hold_curvature) from = Shape::with_curvature(from, 2.0 * framed.scale_mm / *options.fixed_diameter_mm);
     return gauss_newton(Shape::beside_origin(from), framed, descent);
+  };
+  const auto nearer = [&](const Surface& start) {
+    Random random(7);
+    const auto sample = sample_in_frame(framed, many, random);
+    const auto there = gauss_newton(start, as_they_are(sample), {.max_iterations = 5, .enough = 1e-7});
+    return there ? there->surface : start;
   };
   tl::expected<Minimum<Surface>, Descent> minimum = tl::unexpected(Descent::singular);
   if (start_mm) minimum = descend(surface_in_frame(*start_mm, framed));
@@ -219,7 +228,7 @@ Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, cons
     if (minimum || (most == many && !(framed.n > static_cast<double>(few)))) break;
     const auto start = Shape::start(points, most, options);
     if (start) {
-      minimum = descend(*start);
+      minimum = descend(M > 3 && framed.n >= kMany && !descent.hold_curvature ? nearer(*start) : *start);
     } else {
       why = start.error().sentence;
     }
@@ -243,7 +252,8 @@ Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, cons
 template <class Shape>
 Result<Associated<typename Shape::Surface>> associate(Points points_mm, const FitOptions& options) {
   using Surface = typename Shape::Surface;
-  constexpr int kRounds = 60;    // of rejection; 5 to 20 are usual
+  constexpr int kRounds = 60;    // of rejection; 3 to 10 are usual
+  constexpr int kSettling = 20;  // within a round
   constexpr int kReweights = 8;  // the weights depend on the normals alone, which hardly move
   const int m = Surface::kParameters - (options.fixed_diameter_mm && Surface::kParameters > 3 ? 1 : 0);
   const std::size_t n = points_mm.size();
@@ -258,6 +268,7 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
   Associated<Surface> out;
   FitQuality& quality = out.quality;
   quality.distances_mm.resize(n);
+  prefer_huge_pages(quality.distances_mm.data(), n * sizeof(double));
   UsedBits used;  // empty: all
   NormalWeights weights;
   std::optional<Surface> start;
@@ -326,6 +337,12 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
                           ? within_three_deviations(quality.distances_mm, quality.standard_deviation_mm)
                           : within_robust_deviation(quality.distances_mm, used, rounding_mm);
       if (next != used) {
+        // Eq. 2 settles on these distances first: a descent costs more than a median.
+        for (int settling = 0; options.rejection == Rejection::robust && settling < kSettling; ++settling) {
+          UsedBits after = within_robust_deviation(quality.distances_mm, next, rounding_mm);
+          if (after == next) break;
+          next = std::move(after);
+        }
         used = std::move(next);
         continue;
       }

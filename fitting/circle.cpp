@@ -83,21 +83,22 @@ std::optional<CircleMinimum> descend(Circle circle, Points normalised) {
     const double length2 = -newton->x.dot(at.jtd);
     const CircleMinimum here{circle, newton->inverse, at.f, iteration};
     if (!(length2 > 1e-32 * n)) return here;
-    const bool at_the_end = !(length2 > 1e-11 * at.f);
+    const bool at_the_end = !(length2 > std::max(1e-11 * at.f, 2e-15 * std::sqrt(at.f * n)));
     bool better = false;
     VectorN<6> step = newton->x;
     for (int halving = 0; !better && halving <= (at_the_end ? 2 : kHalvings); ++halving, step *= 0.5) {
       const Circle trial = circle.moved(step);
       const Linearized there = linearize(trial, normalised);
+      if (!at_the_end && !(there.f < at.f)) continue;
       auto next = solve_normal_equations<6>(there.jtj, -there.jtd);
-      better = at_the_end ? next && -next->x.dot(there.jtd) < 0.5 * length2 : there.f < at.f;
+      better = !at_the_end || (next && -next->x.dot(there.jtd) < 0.5 * length2);
       if (!better) continue;
       circle = trial;
       at = there;
       newton = std::move(next);
     }
-    if (!better) return here;
-    if (iteration >= kIterations) return std::nullopt;
+    if (!better && at_the_end) return here;
+    if (!better || iteration >= kIterations) return std::nullopt;
   }
   return std::nullopt;
 }

@@ -100,6 +100,32 @@ double largest_gap_rad(const Eigen::Vector3d& p, const Eigen::Vector3d& normal, 
   return gap;
 }
 
+/// The neighbours of a point on its shape; where stray points took places among them, theirs too, no farther than twice
+/// the farthest.
+Cloud neighbours_on(Points points_mm, const Neighbourhood& hood, const std::vector<bool>& on, std::size_t i) {
+  constexpr std::size_t kCount = Neighbourhood::kCount;
+  std::vector<std::size_t> found;
+  double reach_mm = 0;
+  const auto add = [&](std::size_t j) {
+    if (j != i && on[j] && std::find(found.begin(), found.end(), j) == found.end()) found.push_back(j);
+  };
+  for (std::size_t k = 0; k < kCount; ++k) {
+    const std::size_t j = hood.neighbours[i * kCount + k];
+    add(j);
+    reach_mm = std::max(reach_mm, (points_mm[j] - points_mm[i]).norm());
+  }
+  const std::size_t first = found.size();
+  for (std::size_t f = 0; first < kCount && f < first; ++f) {
+    for (std::size_t k = 0; k < kCount; ++k) {
+      const std::size_t j = hood.neighbours[found[f] * kCount + k];
+      if ((points_mm[j] - points_mm[i]).norm() <= 2.0 * reach_mm) add(j);
+    }
+  }
+  Cloud out;
+  for (const std::size_t j : found) out.push_back(points_mm[j]);
+  return out;
+}
+
 /// Points of `all` within the radius of a point flagged in `sources`, by steps from neighbour to neighbour.
 std::vector<bool> near_to(Points points_mm, const Neighbourhood& hood, const std::vector<bool>& sources,
                           double radius_mm) {
@@ -159,25 +185,13 @@ std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, cons
     if (members.size() < options.min_points) return out;
     std::vector<bool> beside(points_mm.size(), false), edge(points_mm.size(), false);
     for (const std::size_t i : members) {
-      Cloud neighbours;
       for (std::size_t k = 0; k < Neighbourhood::kCount; ++k) {
         const std::size_t j = hood.neighbours[i * Neighbourhood::kCount + k];
-        const bool near = (points_mm[j] - points_mm[i]).norm() <= margin_mm;
-        if (on[j]) {
-          neighbours.push_back(points_mm[j]);
-        } else if (near && std::abs(fitted.distance(points_mm[j])) > 2.0 * limit_mm) {
-          beside[j] = true;
-        }
+        if (on[j] || !hood.on_surface[j] || !((points_mm[j] - points_mm[i]).norm() <= margin_mm)) continue;
+        if (std::abs(fitted.distance(points_mm[j])) > 2.0 * limit_mm) beside[j] = true;
       }
-      edge[i] = largest_gap_rad(points_mm[i], fitted.outward(points_mm[i]).normalized(), neighbours) > kGap;
-    }
-    // A lone stray point is no second surface: it has no neighbours of its own kind.
-    for (std::size_t j = 0; j < points_mm.size(); ++j) {
-      if (!beside[j]) continue;
-      std::size_t same = 0;
-      for (std::size_t k = 0; k < Neighbourhood::kCount; ++k)
-        same += on[hood.neighbours[j * Neighbourhood::kCount + k]] ? 0u : 1u;
-      if (same < 4) beside[j] = false;
+      edge[i] = largest_gap_rad(points_mm[i], fitted.outward(points_mm[i]).normalized(),
+                                neighbours_on(points_mm, hood, on, i)) > kGap;
     }
     const std::vector<bool> in_margin = near_to(points_mm, hood, beside, margin_mm),
                             at_edge = near_to(points_mm, hood, edge, margin_mm);

@@ -1,15 +1,18 @@
 // Spheres, cylinders and planes in a raw cloud, without help: hypotheses (hypotheses.h), then fits (fit.h) of the points
 // that belong to each, cleaned by stated rules. Every point of the cloud gets one reason:
 //   surface     used by the fit of its shape
-//   margin      nearer than `margin_spacings` point distances to a point that lies beside the shape's surface (a post, a
-//               base, a table: where two surfaces meet, a scanner's spot sees both)                              (1)
+//   margin      nearer than `margin_spacings` point distances to a point that lies beside the shape's surface on another
+//               one (a post, a base, a table: where two surfaces meet, a scanner's spot sees both); stray points are on
+//               none (Neighbourhood::on_surface)                                                                 (1)
 //   silhouette  as near to the edge of the shape's points: a point whose neighbours on the shape leave a gap of more
 //               than 150 degrees around it (grazing views, half spots)                                            (2)
 //   beyond      more than 3.5 robust standard deviations from the surface (Rejection::robust)                    (3)
 //   none        of no shape
-// A shape whose scatter is more than 5 % of its extent is none. A hypothesis is fitted as each kind; the one of least scatter stands, the simpler where the other gains less than a
-// tenth. With nominals, a shape gets the nominal of its kind nearest in size, within `max_size_error`; a nominal is given
-// once, to the shape that is nearest. Points in mm; the order of the points decides nothing but ties.
+// A shape whose scatter is more than 5 % of its extent is none. A hypothesis is fitted as each kind; the one of least
+// scatter stands, the simpler where the other gains less than a tenth. With nominals, a shape gets the nominal of its kind
+// nearest in size, within `max_size_error`; a nominal is given once, to the shape that is nearest. Up to 40 % of the points
+// may be stray ones (tried), fewer than the shape's where they are. Points in mm; the order of the points decides nothing
+// but ties.
 #pragma once
 
 #include "fitting/hypotheses.h"

@@ -11,8 +11,14 @@
 #include <CGAL/Search_traits_adapter.h>
 #include <CGAL/Shape_detection/Efficient_RANSAC.h>
 #include <CGAL/property_map.h>
+#include <Eigen/Geometry>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <span>
+#include <tuple>
 #include <utility>
 
 namespace fringecal::fitting {
@@ -24,11 +30,58 @@ using SearchTraits =
     CGAL::Search_traits_adapter<Indexed, CGAL::First_of_pair_property_map<Indexed>, CGAL::Search_traits_3<Kernel>>;
 using Search = CGAL::Orthogonal_k_neighbor_search<SearchTraits>;
 
-using WithNormal = std::pair<Kernel::Point_3, Kernel::Vector_3>;
+// With its index: the search reorders its input, and its indices are those of the new order.
+using WithNormal = std::tuple<Kernel::Point_3, Kernel::Vector_3, std::size_t>;
 using Traits = CGAL::Shape_detection::Efficient_RANSAC_traits<Kernel, std::vector<WithNormal>,
-                                                              CGAL::First_of_pair_property_map<WithNormal>,
-                                                              CGAL::Second_of_pair_property_map<WithNormal>>;
+                                                              CGAL::Nth_of_tuple_property_map<0, WithNormal>,
+                                                              CGAL::Nth_of_tuple_property_map<1, WithNormal>>;
 using Ransac = CGAL::Shape_detection::Efficient_RANSAC<Traits>;
+
+/// The plane of least median distance from the neighbours: that median, and the distance of the point itself.
+struct LocalPlane {
+  double median = std::numeric_limits<double>::infinity(), own = 0;
+};
+LocalPlane least_median_plane(const Eigen::Vector3d& point, std::span<const Eigen::Vector3d> neighbours) {
+  constexpr std::size_t kTriples =
+      16;  // with half of the neighbours off the surface, one is on it with 1 - (7/8)^16 = 88 %
+  const std::size_t n = neighbours.size();
+  LocalPlane best;
+  std::array<double, Neighbourhood::kCount> sizes;
+  for (std::size_t t = 0; t < kTriples; ++t) {
+    // each turns through the order of distances: near, middle and far ones
+    const Eigen::Vector3d &a = neighbours[t % n], &b = neighbours[(t + 5) % n], &c = neighbours[(t + 11) % n];
+    const Eigen::Vector3d across = (b - a).cross(c - a);
+    const double size = across.norm();
+    if (!(size > 1e-6 * (b - a).norm() * (c - a).norm())) continue;
+    const Eigen::Vector3d normal = across / size;
+    for (std::size_t i = 0; i < n; ++i) sizes[i] = std::abs(normal.dot(neighbours[i] - a));
+    std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(n / 2),
+                     sizes.begin() + static_cast<std::ptrdiff_t>(n));
+    if (sizes[n / 2] < best.median) best = {sizes[n / 2], std::abs(normal.dot(point - a))};
+  }
+  return best;
+}
+
+/// Neighbourhood::on_surface.
+std::vector<bool> on_surfaces(Points points_mm, const Neighbourhood& hood) {
+  constexpr std::size_t kCount = Neighbourhood::kCount;
+  const std::size_t n = points_mm.size();
+  std::vector<bool> flat(n), out(n);
+  std::vector<Eigen::Vector3d> neighbours(kCount);
+  for (std::size_t i = 0; i < n; ++i) {
+    for (std::size_t k = 0; k < kCount; ++k) neighbours[k] = points_mm[hood.neighbours[i * kCount + k]];
+    const double reach_mm = (neighbours.back() - points_mm[i]).norm();
+    const LocalPlane plane = least_median_plane(points_mm[i], neighbours);
+    const double s = 1.4826 * plane.median;
+    flat[i] = s <= std::max(0.1 * reach_mm, 3.0 * hood.noise_mm) && plane.own <= 3.5 * std::max(s, hood.noise_mm);
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    std::size_t count = 0;
+    for (std::size_t k = 0; k < kCount; ++k) count += flat[hood.neighbours[i * kCount + k]] ? 1u : 0u;
+    out[i] = flat[i] && 2 * count >= kCount;
+  }
+  return out;
+}
 
 }  // namespace
 
@@ -67,6 +120,7 @@ Neighbourhood neighbourhood_of(Points points_mm) {
   // 0.83 of the standard deviation.
   std::sort(scatters.begin(), scatters.end());
   out.noise_mm = scatters[scatters.size() / 5] / 0.83;
+  out.on_surface = on_surfaces(points_mm, out);
   return out;
 }
 
@@ -76,7 +130,7 @@ std::vector<Hypothesis> hypotheses_of(Points points_mm, const Neighbourhood& nei
   points.reserve(points_mm.size());
   for (std::size_t i = 0; i < points_mm.size(); ++i) {
     const Eigen::Vector3d &p = points_mm[i], &n = neighbourhood.normals[i];
-    points.emplace_back(Kernel::Point_3(p.x(), p.y(), p.z()), Kernel::Vector_3(n.x(), n.y(), n.z()));
+    points.emplace_back(Kernel::Point_3(p.x(), p.y(), p.z()), Kernel::Vector_3(n.x(), n.y(), n.z()), i);
   }
   CGAL::get_default_random() = CGAL::Random(2634);
   Ransac ransac;
@@ -99,7 +153,7 @@ std::vector<Hypothesis> hypotheses_of(Points points_mm, const Neighbourhood& nei
     } else if (dynamic_cast<CGAL::Shape_detection::Cylinder<Traits>*>(shape.get())) {
       hypothesis.kind = ShapeKind::cylinder;
     }
-    hypothesis.points = shape->indices_of_assigned_points();
+    for (const std::size_t i : shape->indices_of_assigned_points()) hypothesis.points.push_back(std::get<2>(points[i]));
     std::sort(hypothesis.points.begin(), hypothesis.points.end());
     out.push_back(std::move(hypothesis));
   }

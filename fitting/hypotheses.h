@@ -17,10 +17,16 @@ struct Hypothesis {
 };
 
 /// The neighbours of every point of a cloud, nearest first; the normal from them, and what the points scatter about it.
+///
+/// A point is on a surface where the plane of least median distance from its neighbours (through triples of them,
+/// [Rousseeuw1984]) has s = 1.4826 median <= max(r / 10, 3 noise), r the distance of the farthest neighbour, is not
+/// farther than 3.5 max(s, noise) from it, and half of its neighbours are so too: stray points are not, nor do they
+/// make the points beside them so while more than half of the neighbours are the surface's.
 struct Neighbourhood {
   static constexpr std::size_t kCount = 16;
   std::vector<std::size_t> neighbours;  // kCount per point, without itself
   std::vector<Eigen::Vector3d> normals;
+  std::vector<bool> on_surface;
   double spacing_mm = 0;  // median distance of the nearest neighbour but three
   double noise_mm = 0;    // robust standard deviation from the local planes
 };

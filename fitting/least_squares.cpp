@@ -2,6 +2,7 @@
 
 #include "fitting/surface.h"
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
 #include <algorithm>
@@ -26,8 +27,16 @@ std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, con
   if (!A.allFinite() || !(diagonal.minCoeff() > 0.0)) return std::nullopt;
   const VectorN<N> scaling = diagonal.cwiseSqrt().cwiseInverse();
   const MatrixN<N> scaled = scaling.asDiagonal() * A * scaling.asDiagonal();
+  // With the trace N the eigenvalues but the smallest have a product below (N / (N - 1))^(N - 1) < e, so the smallest is
+  // above the determinant / e: mostly the factors alone, a tenth of the work, show that it is not zero.
+  const Eigen::LLT<MatrixN<N>> factors(scaled);
+  if (factors.info() == Eigen::Success && std::pow(factors.matrixLLT().diagonal().prod(), 2) > 1e-12) {
+    const MatrixN<N> root = factors.matrixL().solve(MatrixN<N>(scaling.asDiagonal()));
+    const MatrixN<N> inverse = root.transpose() * root;
+    return NormalSolution<N>{inverse * b, inverse};
+  }
   const SymmetricEigen<N> eigen = symmetric_eigen<N>(scaled);
-  if (!(eigen.values[0] > 1e-14)) return std::nullopt;
+  if (!(eigen.values[0] > 1e-10)) return std::nullopt;
   const MatrixN<N> root = scaling.asDiagonal() * eigen.vectors;
   const MatrixN<N> inverse = root * eigen.values.cwiseInverse().asDiagonal() * root.transpose();
   return NormalSolution<N>{inverse * b, inverse};
@@ -60,7 +69,8 @@ Moments moments_of(const KernelTask& task, double n) {
 
 CentredPoints centred(Points points_mm, const PointWeights& weights, std::size_t n_used) {
   require(!points_mm.empty() && n_used > 0, "centred() is given points");
-  constexpr std::size_t kFew = 16;  // whose mean lies well enough inside the others
+  constexpr std::size_t kFew = 16;      // whose mean lies well enough inside the others
+  constexpr double kSmallest = 1e-100;  // mm
   const double n = static_cast<double>(n_used);
   CentredPoints out;
   out.framed = {points_mm, weights, n};
@@ -71,8 +81,8 @@ CentredPoints centred(Points points_mm, const PointWeights& weights, std::size_t
   near += points_mm[0];
   double reach = 0.0;
   for (std::size_t i = 0; i < few; ++i) reach = std::max(reach, (some(i) - near).cwiseAbs().maxCoeff());
-  if (!(reach > 1e-100)) reach = near.cwiseAbs().maxCoeff();  // the few coincide
-  if (!(reach > 1e-100)) reach = 1.0;
+  if (!(reach > kSmallest)) reach = near.cwiseAbs().maxCoeff();  // the few coincide
+  if (!(reach > kSmallest)) reach = 1.0;
   if (!near.allFinite() || !(reach < 1e101)) return out;
   KernelTask task{KernelKind::moments, points_mm, weights, near, 1.0 / reach};
   const Moments rough = moments_of(task, n);
@@ -82,11 +92,11 @@ CentredPoints centred(Points points_mm, const PointWeights& weights, std::size_t
   out.framed.origin_mm = near + reach * rough.mean;
   const double f = std::max(0.0, rough.scatter.trace());
   const double unit = std::sqrt(f / n);  // of the frame, in reaches
-  out.framed.scale_mm = unit * reach > 1e-150 ? unit * reach : 1.0;
+  out.framed.scale_mm = unit * reach > kSmallest ? unit * reach : 1.0;
   out.rounding = std::numeric_limits<double>::epsilon() *
                  ((near.cwiseAbs().maxCoeff() + rough.largest * reach) / out.framed.scale_mm + 1.0);
-  out.axes = symmetric_eigen<3>(unit * reach > 1e-150 ? Eigen::Matrix3d(rough.scatter / (unit * unit))
-                                                      : Eigen::Matrix3d::Zero());
+  out.axes = symmetric_eigen<3>(unit * reach > kSmallest ? Eigen::Matrix3d(rough.scatter / (unit * unit))
+                                                         : Eigen::Matrix3d::Zero());
   // An eigenvalue is good to eps of the largest one, so a thickness only to 1e-8 of the size; along the axes it is
   // exact. 1e-8: a thickness good to four digits.
   if (!(out.axes.values[0] > 1e-8 * out.axes.values[2])) {

@@ -12,6 +12,7 @@
 
 #include <Eigen/Core>
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <span>
@@ -34,7 +35,8 @@ template <int N>
 SymmetricEigen<N> symmetric_eigen(const MatrixN<N>& matrix);
 
 /// The solution of A x = b and the inverse of A, for A symmetric positive definite, after scaling its diagonal to one.
-/// nullopt where the smallest eigenvalue of the scaled A is below 1e-14: to double precision, A is singular. N = 3 .. 6.
+/// nullopt where the smallest eigenvalue of the scaled A is below 1e-10: where it goes to zero with the step, as for points that
+/// determine a shape by their second order only, a descent creeps on to 1e-14 and calls that a minimum. N = 3 .. 6.
 template <int N>
 struct NormalSolution {
   VectorN<N> x;
@@ -56,7 +58,8 @@ struct FramedPoints {
 /// Points that are in their frame already.
 inline FramedPoints as_they_are(Points points) { return {points, {}, static_cast<double>(points.size())}; }
 
-/// Points seen centred and of rms distance one from their centroid, and their principal axes.
+/// Points seen centred and of rms distance one from their centroid, and their principal axes. Points within 1e-100 mm of
+/// one another are one place (scale_mm one, axes zero): squares of such lengths leave the range of double.
 struct CentredPoints {
   FramedPoints framed;
   SymmetricEigen<3>
@@ -134,6 +137,8 @@ struct DescentOptions {
   double enough = 1e-16;
   /// The start is good to rounding, so the first pass may be the last; then a step of ten roundings is enough.
   bool start_is_close = false;
+  /// The start is so near that the second pass may be the last.
+  bool start_is_near = false;
 };
 
 /// The Newton step of eq. 1; where the curvature (the last parameter) is held, of the others.
@@ -154,8 +159,9 @@ std::optional<NormalSolution<M>> newton_step(const NormalEquations<M>& at, bool 
 }
 
 /// From a start to the last digits. A step is halved until it lowers F; where F no longer resolves the step (its
-/// predicted gain is below 1e-11 F), until it lowers the length (2) of the step that would follow. It has converged
-/// when neither can be had any more, or when a step changes the distances by less than double resolves. A step below
+/// predicted gain is below 1e-11 F or F's own rounding), until it lowers the length (2) of the step that would follow. It has converged when
+/// that can be had no more, or when a step changes the distances by less than double resolves; where F could still be
+/// lowered and no step does it, it has not: F has a kink there (a point on the axis or in the centre). A step below
 /// 1e-12 whose successor, at the rate of the last two, is below that is taken without looking again: F and the distances
 /// are then those before it, 1e-12 of the points' size away.
 template <class Surface>
@@ -182,8 +188,9 @@ tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const Fram
       return done(iteration + 1);
     }
     const bool is_rounding = !(length2 > 1e-26 * n);
-    const bool at_the_end = is_rounding || !(length2 > 1e-11 * at.f);
-    const bool write = distances_mm && rate < 1e-4 && length2 * rate < kBlind2 * n;
+    // F is a sum of squares of distances that are known to some 4 eps of the frame's size.
+    const bool at_the_end = is_rounding || !(length2 > std::max(1e-11 * at.f, 2e-15 * std::sqrt(at.f * n)));
+    const bool write = distances_mm && (options.start_is_near || (rate < 1e-4 && length2 * rate < kBlind2 * n));
     const int halvings = is_rounding ? 0 : at_the_end ? kHalvingsAtTheEnd : kHalvings;
     const double enough = is_rounding ? 0.25 : 0.98;  // of length2; slow where the scatter is as large as the radius
     bool better = false;
@@ -191,11 +198,13 @@ tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const Fram
     for (int halving = 0; !better && halving <= halvings; ++halving, step *= 0.5) {
       const Surface trial = surface.moved(step);
       const NormalEquations<M> there = normal_equations(trial, points, write ? distances_mm : nullptr);
+      if (write) has_distances = false;
+      if (!at_the_end && !(there.f < at.f)) continue;
       auto next = newton_step<M>(there, options.hold_curvature);
       const double next2 = next ? -next->x.dot(there.jtd) : 0.0;
-      better = at_the_end ? next && next2 < enough * length2 : there.f < at.f;
-      has_distances = better && write;
+      better = !at_the_end || (next && next2 < enough * length2);
       if (better) {
+        has_distances = write;
         surface = trial;
         at = there;
         newton = std::move(next);
@@ -203,8 +212,8 @@ tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const Fram
       }
     }
     const bool is_last = iteration >= options.max_iterations;
-    if (!better || (is_last && at_the_end)) return done(iteration);
-    if (is_last) return tl::unexpected(Descent::not_converged);
+    if (at_the_end && (!better || is_last)) return done(iteration);
+    if (!better || is_last) return tl::unexpected(Descent::not_converged);
   }
   return tl::unexpected(Descent::singular);
 }

@@ -6,6 +6,8 @@
 #include <array>
 #include <bit>
 #include <cmath>
+#include <cstring>
+#include <limits>
 #include <numeric>
 
 namespace fringecal::fitting {
@@ -97,8 +99,14 @@ UsedBits all_used(std::size_t n) {
 }
 
 std::size_t count_used(const UsedBits& bits) {
-  std::size_t n = 0;
-  for (const std::uint8_t byte : bits) n += static_cast<std::size_t>(std::popcount(byte));
+  // by words: without the processor's own instruction a count of bits is a call
+  std::size_t n = 0, byte = 0;
+  for (; byte + sizeof(std::uint64_t) <= bits.size(); byte += sizeof(std::uint64_t)) {
+    std::uint64_t word = 0;
+    std::memcpy(&word, bits.data() + byte, sizeof word);
+    n += static_cast<std::size_t>(std::popcount(word));
+  }
+  for (; byte < bits.size(); ++byte) n += static_cast<std::size_t>(std::popcount(bits[byte]));
   return n;
 }
 
@@ -115,11 +123,6 @@ UsedBits within(std::span<const double> distances_mm, double limit_mm) {
 }
 
 double median_size(std::span<const double> distances_mm, const UsedBits& used) {
-  // Positive doubles are ordered as their bits: counted by exponent and four bits of the mantissa, then selected among
-  // those of the middle bin, so that no second array of all sizes is needed.
-  constexpr int kShift = 48;
-  constexpr std::uint64_t kSign = std::uint64_t{1} << 63;
-  const auto bin_of = [](double d) { return (std::bit_cast<std::uint64_t>(d) & ~kSign) >> kShift; };
   const std::size_t n = count_used(used);
   require(n > 0, "a median is taken of some points");
   if (n < 50000) {
@@ -131,18 +134,44 @@ double median_size(std::span<const double> distances_mm, const UsedBits& used) {
     std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(n / 2), sizes.end());
     return sizes[n / 2];
   }
-  std::vector<std::uint32_t> counts(std::size_t{1} << 15);
-  for (std::size_t i = 0; i < distances_mm.size(); ++i) counts[bin_of(distances_mm[i])] += is_used(used, i) ? 1u : 0u;
-  std::size_t before = 0, bin = 0;
-  while (before + counts[bin] <= n / 2) before += counts[bin++];
+  // One pass: what lies below an interval that holds the median, by a sample, is counted and what lies in it collected,
+  // so that no second array of all sizes is needed. Five standard deviations of the sample's quantile on either side.
+  constexpr std::size_t kSample = 16384;
   std::vector<double> sizes;
-  sizes.reserve(counts[bin]);
-  for (std::size_t i = 0; i < distances_mm.size(); ++i) {
-    if (bin_of(distances_mm[i]) == bin && is_used(used, i)) sizes.push_back(std::abs(distances_mm[i]));
+  sizes.reserve(n / 16);
+  const std::size_t step = distances_mm.size() / kSample;
+  for (std::size_t i = 0; i < distances_mm.size(); i += step) {
+    if (is_used(used, i)) sizes.push_back(std::abs(distances_mm[i]));
   }
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(n / 2 - before);
-  std::nth_element(sizes.begin(), middle, sizes.end());
-  return *middle;
+  const auto m = static_cast<std::ptrdiff_t>(sizes.size());
+  const auto reach = static_cast<std::ptrdiff_t>(2.5 * std::sqrt(static_cast<double>(m)));
+  const auto quantile = [&](std::ptrdiff_t rank) {
+    std::nth_element(sizes.begin(), sizes.begin() + rank, sizes.end());
+    return sizes[static_cast<std::size_t>(rank)];
+  };
+  double low = m / 2 > reach ? quantile(m / 2 - reach) : 0.0;
+  double high = m / 2 + reach < m ? quantile(m / 2 + reach) : std::numeric_limits<double>::max();
+  for (;;) {
+    std::size_t before = 0;
+    sizes.clear();
+    for (std::size_t byte = 0; byte < used.size(); ++byte) {
+      const std::size_t last = std::min<std::size_t>(8, distances_mm.size() - 8 * byte);
+      for (std::size_t i = 0; i < last; ++i) {
+        const double size = std::abs(distances_mm[8 * byte + i]);
+        const unsigned counts = used[byte] >> i & 1u;
+        before += counts & static_cast<unsigned>(size < low);
+        if ((counts & static_cast<unsigned>(size >= low) & static_cast<unsigned>(size <= high)) != 0)
+          sizes.push_back(size);
+      }
+    }
+    if (before <= n / 2 && n / 2 - before < sizes.size()) {
+      const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(n / 2 - before);
+      std::nth_element(sizes.begin(), middle, sizes.end());
+      return *middle;
+    }
+    low = 0.0;  // a sample that misleads: all of them
+    high = std::numeric_limits<double>::max();
+  }
 }
 
 UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm) {

@@ -3,6 +3,7 @@
 
 #include "core/point_file.h"
 #include "fitting/find.h"
+#include "tests/support/long_tests.h"
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
@@ -38,12 +39,55 @@ TEST(FindShapes, IsolatesTheSphereInEveryRawScanOfNist) {
   }
 }
 
+/// The cloud with stray points all over its box: the share of all points then.
+Cloud with_stray(Cloud cloud, double share) {
+  Random random(991);
+  const std::size_t n = cloud.size(), stray = static_cast<std::size_t>(static_cast<double>(n) * share / (1.0 - share));
+  Eigen::Vector3d low = cloud[0], high = cloud[0];
+  for (const auto& p : cloud) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  for (std::size_t i = 0; i < stray; ++i) {
+    cloud.push_back(low + Eigen::Vector3d(uniform(random), uniform(random), uniform(random)).cwiseProduct(high - low));
+  }
+  return cloud;
+}
+
+// Against the same scan without them. What is called silhouette differs, and so the set. Scans of one sphere by one
+// instrument differ by 0.15 mm in R and more, for their residuals are form, not noise: half of the reported range of 49.8
+// to 50.1 mm is allowed here.
+TEST(FindShapes, IsolatesTheSphereAmongFortyPercentStrayPoints) {
+  const std::string root = std::string(FRINGECAL_SHARED_DATA) + "/nist-sphere-scans";
+  if (!std::filesystem::exists(root)) GTEST_SKIP() << "shared data not present: " << root;
+  const NominalShape nominal[] = {{"sphere 100", ShapeKind::sphere, 100.0}};
+  for (int i = 101; i <= 106; i += test::long_tests() ? 1 : 3) {
+    const auto points_mm = read_points_mm(root + "/SPH" + std::to_string(i) + ".xyz", LengthUnit::m);
+    double clean_mm = 0.0;
+    for (const double share : {0.0, 0.1, 0.2, 0.3, 0.4}) {
+      if (share > 0.0 && share < 0.4 && !test::long_tests()) continue;
+      SCOPED_TRACE(fmt::format("SPH{}, {} stray", i, share));
+      const auto found = find_shapes(with_stray(points_mm, share), nominal);
+      ASSERT_TRUE(found) << found.error().sentence;
+      const FoundShape* sphere = nullptr;
+      for (const FoundShape& shape : found->shapes) {
+        if (shape.nominal == "sphere 100") sphere = &shape;
+      }
+      ASSERT_NE(sphere, nullptr);
+      std::printf("SPH%d, stray %.0f %%: R %.3f mm, sd %.3f mm, %zu points\n", i, 100 * share,
+                  0.5 * sphere->diameter_mm, sphere->standard_deviation_mm, sphere->n_surface);
+      if (share == 0.0) clean_mm = sphere->diameter_mm;
+      EXPECT_NEAR(0.5 * sphere->diameter_mm, 0.5 * clean_mm, 0.15);
+    }
+  }
+}
+
 /// A sphere of 40 mm on a post of 12 mm on a base plate, seen from above and the front; noise 0.02 mm.
 struct Mounted {
   Cloud cloud;
   std::size_t of_sphere = 0;
 };
-Mounted mounted(double stray_share) {
+Mounted mounted() {
   Mounted out;
   Random random(77);
   const auto noisy = [&](const Eigen::Vector3d& p, const Eigen::Vector3d& n) {
@@ -64,22 +108,18 @@ Mounted mounted(double stray_share) {
   }
   for (int i = 0; i < 4000; ++i)
     noisy({80.0 * (uniform(random) - 0.5), 60.0 * (uniform(random) - 0.6), -40.0}, {0, 0, 1});
-  const auto clean = static_cast<double>(out.cloud.size());
-  const auto stray = static_cast<std::size_t>(clean * stray_share / (1.0 - stray_share));
-  for (std::size_t i = 0; i < stray; ++i)
-    out.cloud.emplace_back(80.0 * (uniform(random) - 0.5), 60.0 * (uniform(random) - 0.6),
-                           65.0 * uniform(random) - 42.0);
   return out;
 }
 
-// Some 3000 points of 0.02 mm on half a sphere know the diameter to 0.001 mm, stray points within 0.07 mm of it are 1 %
+// Some 2700 points of 0.02 mm on half a sphere know the diameter to 0.001 mm, stray points within 0.07 mm of it are 1 %
 // and shift it as much; the margins keep the post out. 0.01 mm is five times both.
 TEST(FindShapes, CutsASphereFromItsPostAndBase) {
   const NominalShape nominals[] = {{"ball", ShapeKind::sphere, 40.0}, {"base", ShapeKind::plane, 0.0}};
-  for (const double share : {0.0}) {
+  for (const double share : {0.0, 0.1, 0.2, 0.3, 0.4}) {
     SCOPED_TRACE(fmt::format("{} stray", share));
-    const Mounted scene = mounted(share);
-    const auto found = find_shapes(scene.cloud, nominals);
+    const Mounted scene = mounted();
+    const Cloud cloud = with_stray(scene.cloud, share);
+    const auto found = find_shapes(cloud, nominals);
     ASSERT_TRUE(found) << found.error().sentence;
     const FoundShape *ball = nullptr, *base = nullptr;
     for (const FoundShape& shape : found->shapes) {
@@ -88,6 +128,10 @@ TEST(FindShapes, CutsASphereFromItsPostAndBase) {
     }
     ASSERT_NE(ball, nullptr);
     ASSERT_NE(base, nullptr);
+    for (const FoundShape& shape : found->shapes) {
+      std::printf("  %s %s: %zu points, D %.4f mm\n", name_of(shape.kind), shape.nominal.c_str(), shape.n_surface,
+                  shape.diameter_mm);
+    }
     std::printf("stray %.0f %%: D %.4f mm, %zu of %zu points, margin %zu, silhouette %zu, beyond %zu\n", 100 * share,
                 ball->diameter_mm, ball->n_surface, scene.of_sphere, ball->n_margin, ball->n_silhouette,
                 ball->n_beyond);
@@ -98,7 +142,7 @@ TEST(FindShapes, CutsASphereFromItsPostAndBase) {
     EXPECT_GT(ball->n_silhouette, 0u);
     // every point has one shape and one reason, and the counts are theirs
     std::size_t surface = 0;
-    for (std::size_t i = 0; i < scene.cloud.size(); ++i) {
+    for (std::size_t i = 0; i < cloud.size(); ++i) {
       EXPECT_EQ(found->shape_of[i] < 0, found->reason[i] == PointReason::none);
       surface += found->reason[i] == PointReason::surface ? 1u : 0u;
     }
