@@ -169,6 +169,11 @@ Value to_value(const Verification& v) {
                   .set("artefacts", artefacts)
                   .set("quantities", quantities)
                   .set("deviations", texts(v.deviations));
+  if (!v.features.empty()) {
+    Value features = Value::array();
+    for (const auto& f : v.features) features.append(to_value(f));
+    out.set("features", features);
+  }
   if (const auto verdict = verdict_of(v)) out.set("verdict", name_of(*verdict));
   return out.set("provenance", fringecal::to_value(v.provenance));
 }
@@ -189,6 +194,7 @@ Verification verification_from(const Value& value, const std::string& name) {
   for (auto& a : fields.tables("artefacts")) v.artefacts.push_back(read_artefact(std::move(a)));
   for (auto& q : fields.tables("quantities")) v.quantities.push_back(read_quantity(std::move(q)));
   v.deviations = fields.texts("deviations");
+  for (auto& f : fields.tables("features")) v.features.push_back(measured_feature_from(std::move(f)));
   const auto stated = fields.optional_text("verdict");
   v.provenance = read_provenance(fields.table("provenance"));
   fields.finish();

@@ -13,6 +13,7 @@
 #include "metrology/budget.h"
 #include "metrology/decision.h"
 #include "metrology/monte_carlo.h"
+#include "metrology/residual_cloud.h"
 
 #include <filesystem>
 #include <optional>
@@ -65,7 +66,8 @@ struct Verification {
   DecisionRule decision_rule = DecisionRule::iso_14253_1;
   std::vector<ArtefactUsed> artefacts;
   std::vector<Quantity> quantities;
-  std::vector<std::string> deviations;  // from the method, in words
+  std::vector<std::string> deviations;    // from the method, in words
+  std::vector<MeasuredFeature> features;  // where they stood; empty in records that do not hold it
   Provenance provenance;
 };
 
