@@ -5,9 +5,11 @@
 #include "core/file.h"
 #include "metrology/history.h"
 #include "reports/archival_pdf.h"
+#include "reports/certificate_data.h"
 #include "reports/certificate_dcc.h"
 #include "reports/certificate_html.h"
 #include "reports/signature.h"
+#include "reports/time_stamp.h"
 #include "reports/xml_document.h"
 
 #include <fmt/format.h>
@@ -28,8 +30,8 @@ constexpr const char* kPassphraseVariable = "FRINGECAL_PASSPHRASE";
 
 struct CertifyArguments {
   std::vector<std::string> records, as_found;
-  std::string history, lab, customer, number, language = "en", output;
-  std::string key, certificate, passphrase_file, schema_dir;
+  std::string history, clouds, lab, customer, number, language = "en", output;
+  std::string key, certificate, passphrase_file, schema_dir, time_stamp;
   bool json = false;
 };
 
@@ -64,6 +66,13 @@ reports::Certificate certificate_of(const CertifyArguments& arguments) {
   c.records = read_records(arguments.as_found, arguments.history);
   for (auto& record : c.records) record.as_found = true;
   for (auto& record : read_records(arguments.records, arguments.history)) c.records.push_back(std::move(record));
+  if (!arguments.history.empty())
+    c.past = read_past(arguments.history, c.records.back().verification.scanner, c.issued);
+  if (!arguments.clouds.empty()) {
+    take_clouds(c.records, arguments.clouds);
+  } else if (arguments.history.empty()) {
+    take_clouds_beside(c.records, arguments.as_found, arguments.records);
+  }
   reports::check(c);
   return c;
 }
@@ -88,8 +97,14 @@ void refuse_invalid(const CertifyArguments& arguments, const std::string& xml) {
   }
 }
 
+/// What lies beside the certificate.
+struct Beside {
+  std::vector<reports::ArchiveFile> figures;
+  std::string data_zip;
+};
+
 void write(const CertifyArguments& arguments, const reports::Certificate& certificate,
-           const std::optional<reports::SigningKey>& key) {
+           const std::optional<reports::SigningKey>& key, const Beside& beside) {
   std::string xml = reports::certificate_dcc(certificate);
   if (key) xml = reports::sign_xml(xml, *key);
   refuse_invalid(arguments, xml);
@@ -99,16 +114,24 @@ void write(const CertifyArguments& arguments, const reports::Certificate& certif
   const std::string pdf =
       reports::archival_pdf(html, {title, certificate.laboratory.address.name, certificate.issued},
                             reports::PdfAttachment{"certificate.xml", "application/xml", title, xml});
+  const std::string& server =
+      arguments.time_stamp.empty() ? certificate.laboratory.time_stamp_server : arguments.time_stamp;
+  std::string pdf_stamp, xml_stamp;
+  if (!server.empty()) {
+    pdf_stamp = reports::time_stamp(pdf, server);
+    xml_stamp = reports::time_stamp(xml, server);
+  }
   FolderTransaction folder(arguments.output);
   write_atomically(folder.working() / "certificate.html", html);
   write_atomically(folder.working() / "certificate.pdf", pdf);
   write_atomically(folder.working() / "certificate.xml", xml);
   if (key) write_atomically(folder.working() / "certificate.pdf.p7s", reports::sign_detached(pdf, *key));
-  write_atomically(folder.working() / "data" / "results.csv", reports::results_csv(certificate));
-  int number = 0;
-  for (const auto& record : certificate.records) {
-    write_atomically(folder.working() / "data" / fmt::format("verification-{}.json", ++number), record.document);
+  if (!server.empty()) {
+    write_atomically(folder.working() / "certificate.pdf.tsr", pdf_stamp);
+    write_atomically(folder.working() / "certificate.xml.tsr", xml_stamp);
   }
+  write_atomically(folder.working() / "data.zip", beside.data_zip);
+  for (const auto& figure : beside.figures) write_atomically(folder.working() / figure.name, figure.bytes);
   if (!arguments.history.empty()) {
     metrology::History(arguments.history, metrology::History::Access::write)
         .append("certificate",
@@ -117,7 +140,8 @@ void write(const CertifyArguments& arguments, const reports::Certificate& certif
                     .set("schema_version", 1)
                     .set("number", certificate.number)
                     .set("certificate_xml_sha256", sha256_hex(xml))
-                    .set("certificate_pdf_sha256", sha256_hex(pdf)),
+                    .set("certificate_pdf_sha256", sha256_hex(pdf))
+                    .set("data_zip_sha256", certificate.data_sha256),
                 certificate.issued);
   }
   folder.commit();
@@ -128,7 +152,10 @@ void run(const CertifyArguments& arguments) {
   const auto key = key_of(arguments);
   reports::Certificate certificate = certificate_of(arguments);
   if (key) certificate.signer = reports::Signer{key->subject(), key->is_test()};
-  write(arguments, certificate, key);
+  Beside beside{reports::figure_files(certificate), {}};
+  beside.data_zip = reports::certificate_data(certificate, beside.figures);
+  certificate.data_sha256 = sha256_hex(beside.data_zip);
+  write(arguments, certificate, key, beside);
   if (arguments.json) {
     fmt::print("{}", to_json(Value::object()
                                  .set("number", certificate.number)
@@ -153,6 +180,10 @@ void add_certify(CLI::App& app) {
   certify->add_option("--as-found", arguments->as_found, "records of the state before adjustment");
   certify->add_option("--history", arguments->history,
                       "history that the records are taken from; the certificate is entered in it");
+  certify->add_option(
+      "--clouds", arguments->clouds,
+      "folder of the verification (verify -o), for the residual clouds that its record names; else they "
+      "are taken from beside the record's file, where they are there");
   certify->add_option("--lab", arguments->lab, "who certifies (lab.toml)")->required();
   certify->add_option("--customer", arguments->customer, "for whom, and which item (customer.toml)")->required();
   certify->add_option("--number", arguments->number, "number of the certificate, unique in the laboratory")->required();
@@ -166,6 +197,9 @@ void add_certify(CLI::App& app) {
   certify->add_option(
       "--passphrase-file", arguments->passphrase_file,
       fmt::format("file with the key's passphrase; else the variable {}, else it is asked for", kPassphraseVariable));
+  certify->add_option("--timestamp", arguments->time_stamp,
+                      "address of a time-stamping authority (RFC 3161, http or https), instead of lab.toml's "
+                      "time_stamp_server; asked for PDF and XML, without an answer nothing is written");
   certify->add_option("--schema-dir", arguments->schema_dir,
                       "folder with PTB's schemas: the XML must be valid, or nothing is written");
   certify->add_option("-o,--output", arguments->output, "folder to write")->required();

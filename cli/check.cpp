@@ -13,6 +13,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,7 +22,7 @@ namespace {
 
 struct CheckArguments {
   std::string certificate, schema_dir, history;
-  std::vector<std::string> trust;
+  std::vector<std::string> trust, trust_stamps;
   bool any_signer = false, json = false;
 };
 
@@ -31,11 +32,21 @@ void run(const CheckArguments& arguments) {
   const bool is_folder = fs::is_directory(xml);
   if (is_folder) xml /= "certificate.xml";
   reports::CheckRequest request{.xml = reports::read_xml_bytes(xml), .xml_name = xml.string()};
+  request.is_folder = is_folder;
   if (is_folder) {
     const fs::path pdf = fs::path(arguments.certificate) / "certificate.pdf", signature = pdf.string() + ".p7s";
     request.pdf = read_bytes(pdf);
     if (fs::exists(signature)) request.pdf_signature = read_bytes(signature);
+    const fs::path data = fs::path(arguments.certificate) / "data.zip";
+    if (fs::exists(data)) request.data = read_bytes(data);
   }
+  const auto stamp = [](const fs::path& file) {
+    const fs::path response = file.string() + ".tsr";
+    return fs::exists(response) ? std::optional(reports::read_xml_bytes(response)) : std::nullopt;
+  };
+  request.xml_stamp = stamp(xml);
+  if (is_folder) request.pdf_stamp = stamp(fs::path(arguments.certificate) / "certificate.pdf");
+  request.trusted_stampers.assign(arguments.trust_stamps.begin(), arguments.trust_stamps.end());
   if (!arguments.schema_dir.empty()) request.schema = schema_in(arguments.schema_dir);
   if (!arguments.history.empty()) request.history = arguments.history;
   request.trusted.assign(arguments.trust.begin(), arguments.trust.end());
@@ -66,6 +77,8 @@ void add_check(CLI::App& app) {
       app.add_subcommand("check", "Checks a certificate: schema, signature, PDF against XML, results, history");
   check->add_option("certificate", arguments->certificate, "folder of a certificate, or an XML file alone")->required();
   check->add_option("--trust", arguments->trust, "PEM files with certificates that are trusted to sign");
+  check->add_option("--trust-timestamp", arguments->trust_stamps,
+                    "PEM files with certificates that are trusted to stamp the time");
   check->add_flag("--any-signer", arguments->any_signer,
                   "judge integrity only: an unsigned certificate, or one signed by anybody, is no fault");
   check->add_option("--schema-dir", arguments->schema_dir,

@@ -4,6 +4,7 @@
 #include "cli/virtual_verification.h"
 #include "core/error.h"
 #include "core/file.h"
+#include "core/value.h"
 #include "metrology/prediction.h"
 #include "reports/plan_page.h"
 
@@ -25,6 +26,35 @@ struct Options {
   double u_phase_mrad = 9, temperature_degC = 20, u_temperature_degC = 0.2;
   bool print = false, json = false;
 };
+
+Value to_value(const metrology::Plan& plan) {
+  Value series = Value::array(), unchecked = Value::array();
+  for (const auto& line : plan.unchecked) unchecked.append(line);
+  for (const auto& s : plan.series) {
+    Value artefacts = Value::array(), captures = Value::array(), quantities = Value::array();
+    for (const auto& name : s.artefacts) artefacts.append(name);
+    for (int i = 0; i < s.captures; ++i) captures.append(metrology::capture_name(s, i));
+    for (const auto& q : s.quantities) {
+      Value one = Value::object().set("symbol", q.symbol).set("name", q.name);
+      if (q.limits && q.limits->lower) one.set("lower_mm", *q.limits->lower);
+      if (q.limits && q.limits->upper) one.set("upper_mm", *q.limits->upper);
+      quantities.append(one);
+    }
+    series.append(Value::object()
+                      .set("scene", s.scene)
+                      .set("artefacts", artefacts)
+                      .set("repeats", s.repeats)
+                      .set("captures", captures)
+                      .set("quantities", quantities));
+  }
+  return Value::object()
+      .set("name", plan.name)
+      .set("title", plan.title)
+      .set("source", plan.source)
+      .set("unchecked", unchecked)
+      .set("decision_rule", metrology::name_of(plan.decision_rule))
+      .set("series", series);
+}
 
 std::string limits_of(const std::optional<metrology::Limits>& limits) {
   if (!limits) return "no limit";
@@ -155,6 +185,12 @@ void compare_with(const metrology::Plan& plan, const fs::path& folder) {
 }
 
 void plan(const Options& o) {
+  if (o.json) {
+    Value plans = Value::array();
+    for (const auto& name : metrology::shipped_plans()) plans.append(to_value(metrology::read_plan(name)));
+    fmt::print("{}", to_json(o.name.empty() ? plans : to_value(metrology::read_plan(o.name))));
+    return;
+  }
   if (o.name.empty()) {
     for (const auto& name : metrology::shipped_plans()) {
       fmt::print("{:<14}{}\n", name, metrology::read_plan(name).title);
@@ -199,6 +235,11 @@ void add_plan(CLI::App& app) {
   command->add_option("--page", o->page, "HTML page to write: the positions drawn in the volume, and the prediction");
   command->add_option("--record", o->record,
                       "Folder of captures or of a verification: say what of the plan is missing");
+  command->add_flag("--json", o->json, "Print the plan, or all shipped ones, as JSON")
+      ->excludes("--print")
+      ->excludes("--scanner")
+      ->excludes("--commissioning")
+      ->excludes("--record");
   command->footer(
       "Examples:\n  fringecal plan vdi2634-2 --print > acceptance.toml\n"
       "  fringecal plan vdi2634-2 --scanner scanner.json --artefacts artefacts.toml --page plan.html\n"

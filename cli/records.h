@@ -13,6 +13,18 @@ namespace fringecal::cli {
 /// Throws InputError.
 std::vector<reports::Record> read_records(const std::vector<std::string>& names, const std::string& history);
 
+/// The residual clouds that the records name, from a folder of `verify`. One that is not there, or is not the one that the
+/// record names by its hash: InputError.
+void take_clouds(std::vector<reports::Record>& records, const std::filesystem::path& folder);
+/// The same from beside the records' files (as-found records first), as far as they are there.
+void take_clouds_beside(std::vector<reports::Record>& records, const std::vector<std::string>& as_found,
+                        const std::vector<std::string>& as_left);
+
+/// Results of this scanner in the history up to a date: of verifications, and of alignments where they state a value and
+/// a unit.
+std::vector<reports::PastResult> read_past(const std::string& history, const std::string& scanner,
+                                           const std::string& until);
+
 /// dcc.xsd in a folder of PTB's schemas. Throws InputError.
 std::filesystem::path schema_in(const std::string& folder);
 

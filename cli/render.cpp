@@ -17,6 +17,7 @@ struct Options {
   std::uint64_t instrument_seed = 1, seed = 1;
   virt::PresetOverrides overrides;
   virt::InstrumentState state;
+  bool json = false;
 };
 
 virt::Scene scene_of(const virt::VirtualScanner& scanner, const std::string& name) {
@@ -37,6 +38,15 @@ void render(const Options& o) {
   write_capture(o.output, capture);
   if (!o.truth.empty()) {
     write_atomically(o.truth, to_json(scanner.truth(o.state).set("scene", virt::to_value(scene))));
+  }
+  if (o.json) {
+    fmt::print("{}", to_json(Value::object()
+                                 .set("folder", o.output)
+                                 .set("frames", capture.frames.size())
+                                 .set("width_px", capture.info.width_px)
+                                 .set("height_px", capture.info.height_px)
+                                 .set("bits", capture.info.bits)));
+    return;
   }
   fmt::print("{} frames of {} x {} pixels, {} bit: {}\n", capture.frames.size(), capture.info.width_px,
              capture.info.height_px, capture.info.bits, o.output);
@@ -64,6 +74,7 @@ void add_render(CLI::App& app) {
   command->add_option("--minutes", o->state.minutes_since_start,
                       "Minutes since start, for the warm-up drift (default: settled)");
   command->add_option("--truth", o->truth, "Also write the truth (for tests; never an input of another command)");
+  command->add_flag("--json", o->json, "Print the capture's size as JSON");
   command->footer(
       "Example:\n  fringecal render --scene \"spheres 0\" --theta 0.02 -o spheres_0 --truth spheres_0.truth.json");
   command->callback([o] { render(*o); });

@@ -81,6 +81,35 @@ Capture capture_of(const metrology::Plan& plan, const metrology::Series& series,
                            : read_capture(source.captures / metrology::capture_name(series, i));
 }
 
+std::string cloud_name(const std::string& capture, std::size_t feature) {
+  return fmt::format("clouds/{}-{}.ply", capture, feature + 1);
+}
+
+/// Each feature's residual cloud as a file, before the result that rests on it is.
+void write_residuals(const fs::path& folder, const std::string& capture, metrology::CaptureResult& result) {
+  for (std::size_t k = 0; k < result.features.size(); ++k) {
+    write_atomically(folder / cloud_name(capture, k), metrology::to_ply(result.features[k].residuals));
+    result.features[k].residuals = {};
+  }
+}
+
+/// Where the features of a capture stood, with their clouds where these are there.
+void append_features(metrology::Verification& v, const fs::path& folder, const std::string& capture,
+                     const metrology::CaptureResult& result) {
+  for (std::size_t k = 0; k < result.features.size(); ++k) {
+    const auto& f = result.features[k];
+    metrology::MeasuredFeature feature{.capture = capture, .artefact = f.artefact, .part = f.part};
+    feature.place_mm = f.place_mm;
+    if (const std::string cloud = cloud_name(capture, k); fs::exists(folder / cloud)) {
+      const std::string bytes = read_bytes(folder / cloud);
+      metrology::set_box(feature, metrology::residual_cloud_from(bytes, (folder / cloud).string()));
+      feature.cloud = cloud;
+      feature.cloud_sha256 = sha256_hex(bytes);
+    }
+    v.features.push_back(std::move(feature));
+  }
+}
+
 /// The result of one capture: kept from an earlier call, or made now. Empty: the capture is not there.
 std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, const metrology::Series& series, int i,
                                                   const Source& source, const model::Scanner& scanner,
@@ -91,7 +120,7 @@ std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, c
   if (!source.instrument && !fs::exists(source.captures / name / "capture.json")) return std::nullopt;
   const Capture capture = capture_of(plan, series, i, source);
   const auto cloud = cloud_of(capture, scanner);
-  const auto result = metrology::evaluate_capture(plan, series, i, source.gauges, cloud, scanner);
+  auto result = metrology::evaluate_capture(plan, series, i, source.gauges, cloud, scanner);
   if (!result) throw InputError(fmt::format("{}: {}", name, result.error().sentence));
   if (plan.diagnose) {
     const metrology::Observation observation{cloud, scanner, gauges_in(series, source.gauges), room_of(capture)};
@@ -107,6 +136,7 @@ std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, c
       }
     }
   }
+  write_residuals(folder, name, *result);
   write_atomically(file, to_json(metrology::to_value(*result)));
   return *result;
 }
@@ -233,6 +263,11 @@ void verify(const Options& o) {
                         "operator.",
                         gauge.certificate, name, gauge.valid_until));
       }
+    }
+  }
+  for (std::size_t s = 0; s < plan.series.size(); ++s) {
+    for (const auto& result : results[s]) {
+      append_features(v, folder, metrology::capture_name(plan.series[s], result.capture), result);
     }
   }
   v.ended = utc_now();

@@ -16,7 +16,6 @@
 #include <fmt/format.h>
 #include <unistd.h>
 #include <CLI/CLI.hpp>
-#include <algorithm>
 
 #include <algorithm>
 #include <array>

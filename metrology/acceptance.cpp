@@ -51,6 +51,7 @@ Result<Described> describe(const ArtefactMeasurement& m, fitting::Rejection reje
     out.sd_mm = quality.standard_deviation_mm;  // eq. 3
     out.n_points = static_cast<int>(quality.n_used);
     out.n_rejected = static_cast<int>(m.n_gross + quality.n_rejected);
+    out.residuals = residual_cloud(m.points_mm, quality.distances_mm, quality.rejected);
   };
   if (m.kind == ArtefactKind::plane) {
     const auto fit = fitting::fit_plane(m.points_mm, options);

@@ -23,6 +23,7 @@
 #include "metrology/artefact_file.h"
 #include "metrology/plan.h"
 #include "metrology/point_cloud.h"
+#include "metrology/residual_cloud.h"
 #include "metrology/verification.h"
 
 #include <Eigen/Core>
@@ -40,6 +41,7 @@ struct FeatureResult {
   double range_mm = 0, shell_95_mm = 0, sd_mm = 0;                  // eqs. 1 to 3
   Eigen::Vector3d place_mm = Eigen::Vector3d::Zero();
   int n_points = 0, n_rejected = 0;
+  ResidualCloud residuals = {};  // of evaluate_capture() only; not in the file
 };
 
 struct DistanceResult {

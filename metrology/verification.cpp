@@ -169,6 +169,11 @@ Value to_value(const Verification& v) {
     out.set("summaries", list);
   }
   if (v.diagnosis) out.set("diagnosis", metrology::to_value(*v.diagnosis));
+  if (!v.features.empty()) {
+    Value features = Value::array();
+    for (const auto& f : v.features) features.append(to_value(f));
+    out.set("features", features);
+  }
   if (const auto verdict = verdict_of(v)) out.set("verdict", name_of(*verdict));
   return out.set("provenance", fringecal::to_value(v.provenance));
 }
@@ -198,6 +203,7 @@ Verification verification_from(const Value& value, const std::string& name) {
     v.summaries.push_back(one);
   }
   if (auto diagnosis = fields.optional_table("diagnosis")) v.diagnosis = diagnosis_from(*diagnosis);
+  for (auto& f : fields.tables("features")) v.features.push_back(measured_feature_from(std::move(f)));
   const auto stated = fields.optional_text("verdict");
   v.provenance = provenance_from(fields.table("provenance"));
   fields.finish();

@@ -14,6 +14,7 @@
 #include "metrology/decision.h"
 #include "metrology/diagnosis.h"
 #include "metrology/monte_carlo.h"
+#include "metrology/residual_cloud.h"
 
 #include <filesystem>
 #include <optional>
@@ -78,8 +79,9 @@ struct Verification {
   std::vector<ArtefactUsed> artefacts;
   std::vector<Quantity> quantities;
   std::vector<GaugeSummary> summaries;
-  std::vector<std::string> deviations;  // from the method, in words
-  std::optional<Diagnosis> diagnosis;   // of a plan that asks for one
+  std::vector<std::string> deviations;    // from the method, in words
+  std::vector<MeasuredFeature> features;  // where they stood; empty in records that do not hold it
+  std::optional<Diagnosis> diagnosis;     // of a plan that asks for one
   Provenance provenance;
 };
 

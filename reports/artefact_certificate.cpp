@@ -75,12 +75,21 @@ void read_lengths(const XmlNode& number, const std::string& list, CertifiedLengt
   }
 }
 
-void read_quantity(const XmlNode& quantity, std::vector<CertifiedLength>& out) {
-  CertifiedLength like;
-  like.ref_type = quantity.attribute("refType");
-  if (const auto name = quantity.child("name")) {
-    for (const auto& content : name->children()) like.name += (like.name.empty() ? "" : " / ") + content.text();
+std::string name_of(const XmlNode& node) {
+  std::string out;
+  if (const auto name = node.child("name")) {
+    for (const auto& content : name->children()) out += (out.empty() ? "" : " / ") + content.text();
   }
+  return out;
+}
+
+/// A quantity's own name and refType, behind it the refTypes of the result and lists that it stands in; their name where
+/// it has none.
+void read_quantity(const XmlNode& quantity, const CertifiedLength& around, std::vector<CertifiedLength>& out) {
+  CertifiedLength like = around;
+  const std::string own_type = quantity.attribute("refType"), own_name = name_of(quantity);
+  if (!own_type.empty()) like.ref_type = own_type + (around.ref_type.empty() ? "" : " " + around.ref_type);
+  if (!own_name.empty()) like.name = own_name;
   std::vector<CertifiedLength> found;
   for (const auto& child : quantity.children()) {
     if (child.name() == "real") read_lengths(child, "", like, found);
@@ -93,10 +102,74 @@ void read_quantity(const XmlNode& quantity, std::vector<CertifiedLength>& out) {
   out.insert(out.end(), found.begin(), found.end());
 }
 
-bool says(const CertifiedLength& length, std::initializer_list<const char*> words) {
-  std::string all = length.name + " " + length.ref_type;
-  std::transform(all.begin(), all.end(), all.begin(), [](unsigned char c) { return std::tolower(c); });
-  return std::any_of(words.begin(), words.end(), [&](const char* word) { return all.find(word) != std::string::npos; });
+void read_below(const XmlNode& node, const CertifiedLength& around, std::vector<CertifiedLength>& out) {
+  for (const auto& child : node.children()) {
+    if (child.name() == "quantity") {
+      read_quantity(child, around, out);
+    } else if (child.name() == "result" || child.name() == "list") {
+      CertifiedLength inner = around;
+      const std::string type = child.attribute("refType"), name = name_of(child);
+      if (!type.empty()) inner.ref_type = type + (around.ref_type.empty() ? "" : " " + around.ref_type);
+      if (!name.empty()) inner.name = name;
+      read_below(child, inner, out);
+    } else if (child.name() == "data") {
+      read_below(child, around, out);
+    }
+  }
+}
+
+enum class Role { diameter, distance, form, other };
+
+struct Words {
+  Role role;
+  std::vector<const char*> ref_types;  // parts of a refType, whatever its namespace
+  std::vector<const char*> names;      // parts of a name
+};
+
+/// Form first: "form error of the diameter" is one. Names: English, German, French, Italian, Spanish, Portuguese, Dutch,
+/// Polish, Czech, Swedish, Russian, Chinese, Japanese, Korean.
+const std::vector<Words>& vocabulary() {
+  static const std::vector<Words> kWords = {
+      {Role::form,
+       {"sphericity", "flatness", "roundness", "cylindricity", "formdeviation", "formerror"},
+       {"sphericity",   "flatness",   "roundness", "cylindricity", "form",        "rundheit",      "ebenheit",
+        "zylinderform", "sphéricité", "planéité",  "circularité",  "sfericità",   "planarità",     "rotondità",
+        "esfericidad",  "planitud",   "redondez",  "esfericidade", "planeza",     "bolvormigheid", "vlakheid",
+        "rondheid",     "płaskość",   "okrągłość", "rovinnost",    "kruhovitost", "planhet",       "rundhet",
+        "плоскост",     "круглост",   "球度",      "平面度",       "圆度",        "真円度",        "真球度",
+        "평면도",       "진원도"}},
+      {Role::diameter,
+       {"diameter"},
+       {"diameter", "durchmesser", "diam", "diám", "diâm", "średnica", "Średnica", "průměr", "диаметр", "Диаметр",
+        "直径", "直徑", "지름"}},
+      {Role::distance,
+       {"distance", "spacing", "centrelength", "centerlength", "centretocentre", "centertocenter"},
+       {"distance", "abstand", "spacing", "distanz", "distancia", "distância", "entraxe", "interasse", "afstand",
+        "odległość", "vzdálenost", "avstånd", "расстояни", "Расстояни", "距离", "距離", "中心距", "거리"}}};
+  return kWords;
+}
+
+bool has_any(std::string words, const std::vector<const char*>& parts) {
+  std::transform(words.begin(), words.end(), words.begin(), [](unsigned char c) { return std::tolower(c); });
+  return std::any_of(parts.begin(), parts.end(),
+                     [&](const char* part) { return words.find(part) != std::string::npos; });
+}
+
+/// What the certificate says for machines decides; only where that says nothing, what it says for people.
+Role role_of(const CertifiedLength& length) {
+  for (const auto& words : vocabulary()) {
+    if (has_any(length.ref_type, words.ref_types)) return words.role;
+  }
+  for (const auto& words : vocabulary()) {
+    if (has_any(length.name, words.names)) return words.role;
+  }
+  return Role::other;
+}
+
+/// Beside what was certified a good-practice table has set points, limits and errors.
+bool is_certified(const CertifiedLength& length) {
+  return !has_any(length.ref_type, {"basic_nominalvalue", "basic_measurementerror", "basic_referencevalue",
+                                    "basic_acceptancelimit", "basic_tolerancelimit", "basic_validityrange"});
 }
 
 /// Expanded uncertainty for the entry's one k.
@@ -171,7 +244,7 @@ ArtefactCertificate artefact_certificate(const XmlDocument& document, const std:
       out.recalibration_date = statement.text_of("date");
   }
   for (const auto& results : root.below("results")) {
-    for (const auto& quantity : results.below("quantity")) read_quantity(quantity, out.lengths);
+    read_below(results, {}, out.lengths);
   }
   if (out.lengths.empty()) throw InputError(fmt::format("{}: certifies no length", file));
   return out;
@@ -180,17 +253,12 @@ ArtefactCertificate artefact_certificate(const XmlDocument& document, const std:
 std::string artefact_toml(const ArtefactCertificate& c, const ArtefactEntry& entry, const std::string& file) {
   std::vector<const CertifiedLength*> diameters, distances, forms, others;
   for (const auto& length : c.lengths) {
-    if (!length.U_mm) {
-      others.push_back(&length);
-    } else if (says(length, {"sphericity", "flatness", "roundness", "form", "rundheit", "ebenheit"})) {
-      forms.push_back(&length);
-    } else if (says(length, {"diameter", "durchmesser"})) {
-      diameters.push_back(&length);
-    } else if (says(length, {"distance", "abstand", "spacing"})) {
-      distances.push_back(&length);
-    } else {
-      others.push_back(&length);
-    }
+    const Role role = length.U_mm && is_certified(length) ? role_of(length) : Role::other;
+    (role == Role::form       ? forms
+     : role == Role::diameter ? diameters
+     : role == Role::distance ? distances
+                              : others)
+        .push_back(&length);
   }
   const std::size_t n_diameters = entry.kind == "flat" ? 0 : entry.kind == "ball_bar" ? 2 : 1;
   if (diameters.size() < n_diameters || (entry.kind == "ball_bar" && distances.empty())) {

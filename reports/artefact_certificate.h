@@ -4,8 +4,10 @@
 // A certified length is any si:real or entry of an si:realListXMLList below dcc:results whose unit is metre with a decimal
 // prefix; in an si:hybrid the first such. Prefixes shift the decimal point of the text, so no digit is lost. An uncertainty
 // is taken in every form of D-SI 1 and 2: expanded (with its k), standard or of a coverage interval (k = 1).
-// Which length is the diameter, the distance or the form is told by the words of its name and refType, in English or
-// German; what is not told is a comment in the result, for the user to place.
+// Which length is the diameter, the distance or the form is told by refTypes, its own and those of the result and lists
+// around it ("..._diameter", "..._sphericity"; namespaces differ); only where these do not tell, by its name, in one of
+// fourteen languages. Set points, errors and limits of a good-practice table (basic_nominalValue, ...) are none of them.
+// What is not told is a comment in the result, for the user to place.
 // Errors: InputError with the file: no length certified, or none that the kind of artefact needs.
 #pragma once
 

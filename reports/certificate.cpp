@@ -144,6 +144,7 @@ Laboratory read_laboratory(const std::filesystem::path& file) {
   out.address = read_address(fields.table("address"));
   out.accreditation = optional(fields, "accreditation");
   out.procedure = optional(fields, "procedure");
+  out.time_stamp_server = optional(fields, "time_stamp_server");
   out.test = fields.optional_boolean("test").value_or(false);
   if (auto place = optional(fields, "place"); !place.empty()) out.place = place;
   static constexpr std::array kPlaces = {"laboratory", "customer", "laboratoryBranch", "customerBranch", "other"};
@@ -224,18 +225,19 @@ std::vector<ResultLine> lines_with_budget(const std::vector<ResultLine>& lines) 
   return out;
 }
 
+std::string csv_field(const std::string& words) {
+  if (words.find_first_of(",\"\r\n") == std::string::npos) return words;
+  std::string out = "\"";
+  for (const char c : words) out += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return out + "\"";
+}
+
 std::string results_csv(const Certificate& certificate) {
-  const auto quoted = [](const std::string& words) {
-    if (words.find_first_of(",\"\r\n") == std::string::npos) return words;
-    std::string out = "\"";
-    for (const char c : words) out += c == '"' ? std::string("\"\"") : std::string(1, c);
-    return out + "\"";
-  };
   std::string out = "number,symbol,name,artefact,position,unit,value,U,k,lower_limit,upper_limit,conformity,state\r\n";
   for (const auto& line : result_lines(certificate)) {
-    out += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n", line.number, quoted(line.symbol),
-                       quoted(line.name), quoted(line.artefact), quoted(line.position), quoted(line.unit), line.value,
-                       line.U, line.k, line.lower.value_or(""), line.upper.value_or(""),
+    out += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{}\r\n", line.number, csv_field(line.symbol),
+                       csv_field(line.name), csv_field(line.artefact), csv_field(line.position), csv_field(line.unit),
+                       line.value, line.U, line.k, line.lower.value_or(""), line.upper.value_or(""),
                        line.verdict ? metrology::name_of(*line.verdict) : "", line.as_found ? "as found" : "as left");
   }
   return out;

@@ -11,6 +11,7 @@
 #pragma once
 
 #include "metrology/verification.h"
+#include "reports/archive.h"
 #include "reports/catalogue.h"
 
 #include <cstdint>
@@ -37,6 +38,7 @@ struct Laboratory {
   Address address;
   std::string accreditation;         // its number, as the accreditation body writes it
   std::string place = "laboratory";  // where the item was calibrated: DCC performanceLocation
+  std::string time_stamp_server;     // address; empty: no time stamps unless asked for
   std::string procedure;             // number of the working instruction
   std::vector<Person> persons;       // who authorise certificates; at least one
   bool test = false;                 // certificates of this laboratory are marked as tests on every page
@@ -72,6 +74,17 @@ struct Record {
   std::optional<std::int64_t> entry;   // number of the history's entry ...
   std::string entry_hash, entry_date;  // ... its hash and date
   bool as_found = false;               // before adjustment
+  std::vector<ArchiveFile> clouds;     // residual clouds that the record names, as far as they are there
+};
+
+/// A result of the item that the history holds, of this record or of an earlier one.
+struct PastResult {
+  std::int64_t entry = 0;
+  std::string kind, date;  // "verification", "alignment"; RFC 3339 UTC
+  std::string symbol, name, artefact, position, unit;
+  double value = 0;
+  std::optional<double> U;  // absent: not stated
+  std::optional<metrology::Limits> limits;
 };
 
 struct Signer {
@@ -86,7 +99,9 @@ struct Certificate {
   Laboratory laboratory;
   Customer customer;
   std::vector<Record> records;
+  std::vector<PastResult> past;  // of the item, in the history's order; empty without a history
   std::optional<Signer> signer;
+  std::string data_sha256;  // of data.zip; empty: there is none
 
   bool is_test() const { return laboratory.test || (signer && signer->test); }
 };
@@ -117,6 +132,8 @@ std::string exact(double value);
 /// Lines whose uncertainty budget is printed: for each symbol the one that comes closest to its limit, else the largest U.
 std::vector<ResultLine> lines_with_budget(const std::vector<ResultLine>& lines);
 
+/// A field of RFC 4180, in quotation marks where it needs them.
+std::string csv_field(const std::string& words);
 /// number,symbol,name,artefact,position,unit,value,U,k,lower_limit,upper_limit,conformity,state; RFC 4180.
 std::string results_csv(const Certificate& certificate);
 

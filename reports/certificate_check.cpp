@@ -8,11 +8,14 @@
 #include "reports/certificate_dcc.h"
 #include "reports/dcc_result.h"
 #include "reports/signature.h"
+#include "reports/time_stamp.h"
 #include "reports/xml_document.h"
 
 #include <fmt/format.h>
 
 #include <charconv>
+#include <ctime>
+#include <tuple>
 
 namespace fringecal::reports {
 namespace {
@@ -45,6 +48,45 @@ std::string check_signatures(const CheckRequest& request, CheckVerdict& out) {
   return "";
 }
 
+/// A stamp of the future is none; clocks differ by minutes.
+std::string latest_time() {
+  constexpr std::time_t kClocks = 300;
+  const std::time_t latest = std::time(nullptr) + kClocks;
+  std::tm t{};
+  gmtime_r(&latest, &t);
+  char text[sizeof "2026-11-22T07:00:00Z"];
+  std::strftime(text, sizeof text, "%Y-%m-%dT%H:%M:%SZ", &t);
+  return text;
+}
+
+std::string check_stamp(const char* what, const std::string& content, const std::string& stamp,
+                        const std::pair<const CheckRequest&, std::string>& request_and_issue, CheckVerdict& out) {
+  const auto& [request, issue_day] = request_and_issue;
+  const TimeStampVerdict verdict = verify_time_stamp(content, stamp, request.trusted_stampers);
+  if (!verdict.fault.empty()) return fmt::format("{}: {}", what, verdict.fault);
+  if (verdict.time.substr(0, 10) < issue_day) {
+    return fmt::format("{}: time-stamped {}, before its day of issue {}", what, verdict.time, issue_day);
+  }
+  if (verdict.time > latest_time()) return fmt::format("{}: time-stamped {}, which is to come", what, verdict.time);
+  out.passed.push_back(
+      fmt::format("{} time-stamped {} by {}{}", what, verdict.time, verdict.authority,
+                  request.trusted_stampers.empty() ? ", who was not judged (--trust-timestamp)" : ", trusted"));
+  return "";
+}
+
+std::string check_stamps(const CheckRequest& request, const XmlDocument& document, CheckVerdict& out) {
+  std::string issued;
+  for (const auto& date : XmlNode::root(document).below("issueDate")) issued = date.text();
+  std::string fault;
+  if (request.pdf && request.pdf_stamp) {
+    fault = check_stamp("PDF", *request.pdf, *request.pdf_stamp, {request, issued}, out);
+  }
+  if (fault.empty() && request.xml_stamp) {
+    fault = check_stamp("XML", request.xml, *request.xml_stamp, {request, issued}, out);
+  }
+  return fault;
+}
+
 std::string check_twins(const CheckRequest& request, CheckVerdict& out) {
   const auto attached = attachment_of_pdf(*request.pdf, "certificate.xml", "certificate.pdf");
   if (!attached) return "the PDF has no certificate.xml attached";
@@ -54,6 +96,41 @@ std::string check_twins(const CheckRequest& request, CheckVerdict& out) {
   if (!faults.empty()) return faults.front();
   out.passed.push_back(
       "every number of the PDF's text stands in the XML with the same unit, and every result in the PDF");
+  return "";
+}
+
+std::string check_data(const CheckRequest& request, const std::string& named, CheckVerdict& out) {
+  if (named.empty() || (!request.data && !request.is_folder)) return "";
+  if (!request.data) return "data.zip is missing; the XML names it";
+  const std::string found = sha256_hex(*request.data);
+  if (found != named) return fmt::format("data.zip is not the one that was certified: its SHA-256 is {}", found);
+  out.passed.push_back("data.zip is the one that the XML names");
+  return "";
+}
+
+/// Where the certificate itself is an entry, its files are those of it.
+std::string check_own_entry(const metrology::History& history, const CheckRequest& request, const std::string& number,
+                            CheckVerdict& out) {
+  for (const auto& entry : history.entries("certificate")) {
+    const Value document = parse_json(entry.document, request.history->string());
+    const auto text = [&](const char* key) {
+      const Value* value = document.find(key);
+      return value != nullptr && value->if_text() != nullptr ? *value->if_text() : std::string();
+    };
+    if (text("number") != number) continue;
+    const auto differs = [&](const char* key, const std::optional<std::string>& bytes) {
+      return bytes && !text(key).empty() && text(key) != sha256_hex(*bytes);
+    };
+    for (const auto& [name, key, bytes] : {std::tuple("XML", "certificate_xml_sha256", std::optional(request.xml)),
+                                           std::tuple("PDF", "certificate_pdf_sha256", request.pdf),
+                                           std::tuple("data.zip", "data_zip_sha256", request.data)}) {
+      if (!differs(key, bytes)) continue;
+      return fmt::format("{}: certificate {} is entry {}, and this {} is not the one entered there",
+                         request.history->string(), number, entry.number, name);
+    }
+    out.passed.push_back(fmt::format("the certificate is entry {} of {}", entry.number, request.history->string()));
+    return "";
+  }
   return "";
 }
 
@@ -89,8 +166,9 @@ std::string check_results(const std::vector<DccMeasurement>& measurements, Check
   return "";
 }
 
-std::string check_history(const std::filesystem::path& file, const std::vector<DccMeasurement>& measurements,
-                          CheckVerdict& out) {
+std::string check_history(const CheckRequest& request, const XmlDocument& document,
+                          const std::vector<DccMeasurement>& measurements, CheckVerdict& out) {
+  const auto& file = *request.history;
   const metrology::History history(file, metrology::History::Access::read);
   for (const auto& m : measurements) {
     if (!m.entry) return "a record of this certificate names no entry of a history";
@@ -104,6 +182,9 @@ std::string check_history(const std::filesystem::path& file, const std::vector<D
       return fmt::format("entry {} of {} is not the record in the XML", *m.entry, file.string());
   }
   out.passed.push_back(fmt::format("the records are entries of {}, its chain unbroken", file.string()));
+  for (const auto& number : XmlNode::root(document).below("uniqueIdentifier")) {
+    return check_own_entry(history, request, number.text(), out);
+  }
   return "";
 }
 
@@ -125,10 +206,12 @@ CheckVerdict check_certificate(const CheckRequest& request) {
   }
   out.fault = check_signatures(request, out);
   if (!out.fault.empty()) return out;
+  if ((out.fault = check_stamps(request, document, out)) != "") return out;
   const auto measurements = dcc_measurements(document);
   if (request.pdf && (out.fault = check_twins(request, out)) != "") return out;
+  if ((out.fault = check_data(request, data_sha256_of(document), out)) != "") return out;
   if ((out.fault = check_results(measurements, out)) != "") return out;
-  if (request.history) out.fault = check_history(*request.history, measurements, out);
+  if (request.history) out.fault = check_history(request, document, measurements, out);
   return out;
 }
 

@@ -1,6 +1,7 @@
 #include "reports/certificate_dcc.h"
 
 #include "core/provenance.h"
+#include "reports/certificate_figures.h"
 #include "reports/certificate_html.h"
 #include "reports/dcc_elements.h"
 #include "reports/limit_figure.h"
@@ -9,6 +10,7 @@
 
 #include <algorithm>
 #include <array>
+#include <map>
 #include <set>
 
 namespace fringecal::reports {
@@ -25,6 +27,7 @@ constexpr std::array kOwnRefTypes = {"fringecal_result",
                                      "fringecal_conformanceProbability",
                                      "fringecal_budget",
                                      "fringecal_record",
+                                     "fringecal_data",
                                      "fringecal_history"};
 
 /// The words of one language, with that language stated at each.
@@ -49,6 +52,7 @@ class Writer {
   Markup conditions(const Record& record) const;
   Markup result(const ResultLine& line) const;
   Markup meta(const ResultLine& line) const;
+  Markup figures() const;
   Markup measurement(const Record& record, const std::vector<ResultLine>& lines, int number) const;
 
   const Certificate& c_;
@@ -187,6 +191,7 @@ Markup Writer::statements() const {
   if (!c_.customer.remarks.empty()) {
     out += node("statement", say("name", "remarks.heading") + texts("declaration", {c_.customer.remarks}));
   }
+  if (!c_.data_sha256.empty()) out += statement({words_("remarks.data") + " " + c_.data_sha256}, "fringecal_data");
   out += statement({words_(c_.signer ? "remarks.machine" : "remarks.machine_unsigned")}, "");
   return node("statements", out);
 }
@@ -315,6 +320,22 @@ Markup Writer::result(const ResultLine& line) const {
                        dcc::real({line.value, line.unit, line.U, line.k, line.coverage_percent}), meta(line));
 }
 
+/// The figures of the certificate as a whole, each with its caption and the numbers that it shows.
+Markup Writer::figures() const {
+  Markup out;
+  std::map<std::string, int> numbers;
+  for (const auto& figure : certificate_figures(c_, words_)) {
+    const std::string file = fmt::format("{}-{}.svg", figure.name, ++numbers[figure.name]);
+    out += node("result",
+                texts("name", {file}) +
+                    node("data", dcc::embedded(
+                                     {"byteData", file, "image/svg+xml", figure.picture.html()},
+                                     texts("description", {dcc::one_line(figure.caption + " [" + figure.numbers + "]")},
+                                           c_.language))));
+  }
+  return out;
+}
+
 Markup Writer::measurement(const Record& record, const std::vector<ResultLine>& all, int number) const {
   const auto& v = record.verification;
   Markup list;
@@ -333,6 +354,7 @@ Markup Writer::measurement(const Record& record, const std::vector<ResultLine>& 
                            node("data", dcc::embedded({"byteData", file, "image/svg+xml", picture.html()},
                                                       texts("description", {words_("results.figure")}, c_.language))));
   }
+  if (&record == &c_.records.back()) results += figures();
   const bool adjusted = std::any_of(c_.records.begin(), c_.records.end(), [](const Record& r) { return r.as_found; });
   const std::string title = !adjusted ? "results.heading" : record.as_found ? "results.as_found" : "results.as_left";
   Markup origin = node(

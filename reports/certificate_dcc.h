@@ -7,6 +7,7 @@
 //   fringecal_conformanceProbability   metrology/decision.h, eq. 5
 //   fringecal_budget                   contributions to the standard uncertainty of a result
 //   fringecal_record                   the verification record itself, as JSON: results can be recomputed from it
+//   fringecal_data                     SHA-256 of data.zip (reports/certificate_data.h)
 //   fringecal_history                  the entry of the laboratory's history that the record is
 // Texts are in one language, that of the certificate. Numbers are the texts of reports/certificate.h, as in the PDF.
 // Errors: a unit without a D-SI name: InputError.

@@ -1,4 +1,5 @@
 // The parts of a certificate after its first page: results with their figure, method, conditions, traceability, budgets.
+#include "reports/certificate_figures.h"
 #include "reports/certificate_html.h"
 #include "reports/limit_figure.h"
 #include "reports/number.h"
@@ -214,6 +215,9 @@ Markup remarks(const Certificate& c, const Catalogue& words) {
           text(words("remarks.history", {{"number", std::to_string(*record.entry)}}) + " " + record.entry_hash));
     }
   }
+  if (!c.data_sha256.empty()) {
+    origin += element("p", {{"class", "hash"}}, text(words("remarks.data") + " " + c.data_sha256));
+  }
   return element("section", out) + element("section", element("h2", text(words("remarks.origin"))) + origin);
 }
 
@@ -231,6 +235,7 @@ Markup certificate_results(const Certificate& c, const Catalogue& words) {
   }
   if (!left.empty()) out += results_table(left, words);
   for (const auto& picture : limit_figures(all)) out += figure("wide", picture, words("results.figure"));
+  for (const auto& one : certificate_figures(c, words)) out += figure("wide", one.picture, one.caption);
   Markup uncertainty = element("h2", text(words("uncertainty.heading")));
   std::set<std::string> coverages;
   for (const auto& line : all) {

@@ -51,6 +51,17 @@ void read_entry(const std::string& words, DccMeasurement& out) {
 
 }  // namespace
 
+std::string data_sha256_of(const XmlDocument& document) {
+  for (const auto& statement : XmlNode::root(document).below("statement")) {
+    if (!has_type(statement, "fringecal_data")) continue;
+    const std::string words = statement.text_of("declaration");
+    const auto end = words.find_last_not_of(" \t\r\n");
+    const auto space = words.find_last_of(' ', end);
+    if (end != std::string::npos && space != std::string::npos) return words.substr(space + 1, end - space);
+  }
+  return "";
+}
+
 std::vector<DccMeasurement> dcc_measurements(const XmlDocument& document) {
   std::vector<DccMeasurement> out;
   for (const auto& measurement : XmlNode::root(document).below("measurementResult")) {

@@ -26,6 +26,9 @@ struct DccMeasurement {
 
 std::vector<DccMeasurement> dcc_measurements(const XmlDocument& document);
 
+/// SHA-256 of data.zip from the statement fringecal_data; "" where there is none.
+std::string data_sha256_of(const XmlDocument& document);
+
 /// RFC 4648; white space is skipped. Nothing where it is not base64.
 std::optional<std::string> from_base64(const std::string& text);
 

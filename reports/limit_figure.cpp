@@ -1,6 +1,7 @@
 #include "reports/limit_figure.h"
 
 #include "reports/number.h"
+#include "reports/svg.h"
 
 #include <fmt/format.h>
 
@@ -34,17 +35,6 @@ std::vector<Row> rows_of(const std::vector<ResultLine>& lines) {
   return out;
 }
 
-std::string line_svg(double x1, double y1, double x2, double y2, const char* colour, double width) {
-  return fmt::format(
-      "<line x1=\"{:.1f}\" y1=\"{:.1f}\" x2=\"{:.1f}\" y2=\"{:.1f}\" stroke=\"{}\" stroke-width=\"{}\"/>", x1, y1, x2,
-      y2, colour, width);
-}
-
-std::string words_svg(double x, double y, const char* anchor, const std::string& words) {
-  return fmt::format("<text x=\"{:.1f}\" y=\"{:.1f}\" text-anchor=\"{}\" font-size=\"10.5\" fill=\"#1b1f24\">{}</text>",
-                     x, y, anchor, escape(words));
-}
-
 Markup figure_of(const std::vector<Row>& rows) {
   const bool two_sided = std::any_of(rows.begin(), rows.end(), [](const Row& r) { return r.lower || r.percent < 0; });
   const double from = two_sided ? -kEdge : 0;
@@ -52,48 +42,44 @@ Markup figure_of(const std::vector<Row>& rows) {
   const auto x_of = [&](double percent) {
     return kLabels + (std::clamp(percent, from, kEdge) - from) / (kEdge - from) * (kWidth - kLabels - kRight);
   };
-  std::string svg = fmt::format(
-      "<svg class=\"limits\" role=\"img\" xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {0} {1:.0f}\" "
-      "width=\"{0}\" height=\"{1:.0f}\" font-family=\"Liberation Sans, Arial, sans-serif\">",
-      kWidth, height);
+  std::string drawing = svg::begin("limits", kWidth, height);
   double y = kTop;
   for (const auto& row : rows) {
     const double middle = y + kRow / 2;
     const auto grey = [&](double a, double b) {
-      svg += fmt::format("<rect x=\"{:.1f}\" y=\"{:.1f}\" width=\"{:.1f}\" height=\"{}\" fill=\"#d5d9de\"/>", x_of(a),
-                         y, x_of(b) - x_of(a), kRow);
+      drawing += svg::box(x_of(a), y, x_of(b) - x_of(a), kRow, svg::kBeyond);
     };
     if (row.upper) grey(100, kEdge);
     if (row.lower && two_sided) grey(-kEdge, -100);
-    if (&row != &rows.front()) svg += line_svg(kLabels, y, kWidth - kRight, y, "#ffffff", 1);
+    if (&row != &rows.front()) drawing += svg::line(kLabels, y, kWidth - kRight, y, "#ffffff", 1);
     std::string label = fmt::format("{}  {}", row.line->number, row.line->symbol);
     std::string place = row.line->artefact;
     if (place.size() > 20) place.clear();  // it stands in the table
-    svg += words_svg(0, middle + 3.6, "start", label) + words_svg(kLabels - 8, middle + 3.6, "end", place);
+    drawing += svg::words(0, middle + 3.6, "start", label) + svg::words(kLabels - 8, middle + 3.6, "end", place);
     y += kRow;
   }
   for (const double tick : {-100.0, -50.0, 0.0, 50.0, 100.0}) {
     if (tick < from) continue;
     const bool strong = tick == 0 || std::abs(tick) == 100;
-    svg += line_svg(x_of(tick), kTop, x_of(tick), foot + 4, strong ? "#1b1f24" : "#b9c0c8", strong ? 0.9 : 0.6);
-    if (strong) svg += words_svg(x_of(tick), foot + 17, "middle", fixed(tick, 0) + "\u00a0%");
+    drawing += svg::line(x_of(tick), kTop, x_of(tick), foot + 4, strong ? svg::kInk : svg::kQuiet, strong ? 0.9 : 0.6);
+    if (strong) drawing += svg::words(x_of(tick), foot + 17, "middle", fixed(tick, 0) + "\u00a0%");
   }
   y = kTop;
   for (const auto& row : rows) {
     const double middle = y + kRow / 2, low = x_of(row.percent - row.half), high = x_of(row.percent + row.half);
-    svg += line_svg(low, middle, high, middle, "#0b5a7a", 1.6) +
-           line_svg(low, middle - 3.5, low, middle + 3.5, "#0b5a7a", 1.6) +
-           line_svg(high, middle - 3.5, high, middle + 3.5, "#0b5a7a", 1.6);
+    drawing += svg::line(low, middle, high, middle, svg::kBlue, 1.6) +
+               svg::line(low, middle - 3.5, low, middle + 3.5, svg::kBlue, 1.6) +
+               svg::line(high, middle - 3.5, high, middle + 3.5, svg::kBlue, 1.6);
     const double at = x_of(row.percent);
     if (row.percent > kEdge || row.percent < from) {
       const double back = row.percent > kEdge ? -8 : 8;
-      svg += fmt::format("<path d=\"M{0:.1f} {1:.1f}l{2} -5v10z\" fill=\"#0b5a7a\"/>", at, middle, back);
+      drawing += fmt::format("<path d=\"M{0:.1f} {1:.1f}l{2} -5v10z\" fill=\"#0b5a7a\"/>", at, middle, back);
     } else {
-      svg += fmt::format("<circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"3.6\" fill=\"#0b5a7a\"/>", at, middle);
+      drawing += svg::mark(row.line->as_found ? svg::Mark::circle : svg::Mark::disc, at, middle);
     }
     y += kRow;
   }
-  return Markup::trusted(svg + "</svg>");
+  return Markup::trusted(drawing + svg::kEnd);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// OpenSSL's side of a signing key; for signing_key.cpp, xml_signature.cpp and cms_signature.cpp only.
+// OpenSSL's side of a signing key; for signing_key.cpp, xml_signature.cpp, cms_signature.cpp and time_stamp.cpp only.
 #pragma once
 
 #include "reports/signature.h"

@@ -8,6 +8,7 @@
 #include "reports/signature.h"
 #include "tests/support/program.h"
 #include "tests/support/sample_verification.h"
+#include "tests/support/stamping_authority.h"
 #include "tests/support/test_key.h"
 
 #include <gmock/gmock.h>
@@ -34,7 +35,9 @@ class Certify : public testing::Test {
   static void SetUpTestSuite() {
     ::setenv("SOURCE_DATE_EPOCH", "1795330800", 1);  // 2026-11-22T07:00:00Z
     folder_ = std::make_unique<test::ScratchFolder>();
-    write_atomically(*folder_ / "verification.json", to_json(metrology::to_value(test::sample_verification())));
+    auto record = test::sample_verification();
+    test::add_features(record, folder_->path());
+    write_atomically(*folder_ / "verification.json", to_json(metrology::to_value(record)));
     write_atomically(*folder_ / "lab.toml", test::sample_laboratory());
     write_atomically(*folder_ / "customer.toml", test::sample_customer());
     test::make_test_key(folder_->path(), "lab", "ec");
@@ -153,10 +156,79 @@ TEST_F(Certify, SaysTheSameNumbersInThePdfAndInTheXml) {
 
 TEST_F(Certify, GivesTheSameBytesAgain) {
   ASSERT_EQ(run_fringecal(certify({path("verification.json")}, "again")).exit_code, 0);
-  for (const auto* file :
-       {"certificate.html", "certificate.xml", "certificate.pdf", "certificate.pdf.p7s", "data/results.csv"}) {
+  for (const auto* file : {"certificate.html", "certificate.xml", "certificate.pdf", "certificate.pdf.p7s", "data.zip",
+                           "figures/volume-1.svg"}) {
     EXPECT_EQ(bytes(std::string("certificate/") + file), bytes(std::string("again/") + file)) << file;
   }
+}
+
+TEST_F(Certify, PutsItsDataBesideAndNoticesWhenTheyAreAltered) {
+  const std::string zip = path("certificate/data.zip");
+  EXPECT_EQ(test::run({"unzip", "-tq", zip}).status, 0);
+  const auto inside = [&](const std::string& name) { return test::run({"unzip", "-p", zip, name}).output; };
+  EXPECT_EQ(inside("verification-1.json"), bytes("verification.json"));
+  EXPECT_EQ(inside("record-1/clouds/flat-02-1.ply"), bytes("clouds/flat-02-1.ply"));
+  EXPECT_EQ(inside("figures/maps-1.svg"), bytes("certificate/figures/maps-1.svg"));
+  EXPECT_THAT(inside("results.csv"), HasSubstr("0.0612"));
+  const Value contents = parse_json(inside("contents.json"), "contents.json");
+  for (const Value& file : *contents.find("files")->if_array()) {
+    EXPECT_EQ(sha256_hex(inside(*file.find("name")->if_text())), *file.find("sha256")->if_text());
+  }
+  fs::copy(path("certificate"), path("other-data"), fs::copy_options::recursive);
+  std::string altered = bytes("certificate/data.zip");
+  altered[altered.size() / 2] ^= 1;
+  write_atomically(path("other-data/data.zip"), altered);
+  const auto check = [&] { return run_fringecal({"check", path("other-data"), "--trust", path("lab.pem")}); };
+  EXPECT_EQ(check().exit_code, 2);
+  EXPECT_THAT(check().errors, HasSubstr("data.zip is not the one that was certified"));
+  fs::remove(path("other-data/data.zip"));
+  EXPECT_THAT(check().errors, HasSubstr("data.zip is missing"));
+}
+
+TEST_F(Certify, RefusesAResidualCloudThatTheRecordDoesNotName) {
+  fs::create_directories(path("forged"));
+  fs::copy(path("verification.json"), path("forged/verification.json"));
+  fs::copy(path("clouds"), path("forged/clouds"), fs::copy_options::recursive);
+  std::string cloud = bytes("clouds/bar-00-1.ply");
+  cloud.back() ^= 1;
+  write_atomically(path("forged/clouds/bar-00-1.ply"), cloud);
+  const auto made = run_fringecal(certify({path("forged/verification.json")}, "from-forged"));
+  EXPECT_EQ(made.exit_code, 2);
+  EXPECT_THAT(made.errors, HasSubstr("bar-00-1.ply: not the residual cloud that the record names"));
+  EXPECT_FALSE(fs::exists(path("from-forged")));
+}
+
+TEST_F(Certify, IsTimeStampedByAnAuthorityOrNotIssued) {
+  const test::StampingAuthority authority(*folder_ / "authority");
+  auto record = test::sample_verification();
+  ::unsetenv("SOURCE_DATE_EPOCH");  // an authority reads its own clock; so must the certificate
+  const std::string now = utc_now();
+  record.begun = record.ended = now.substr(0, 10) + "T00:00:00Z";
+  write_atomically(path("today.json"), to_json(metrology::to_value(record)));
+  std::string customer = test::sample_customer();
+  customer.replace(customer.find("2026-11-18"), 10, now.substr(0, 10));
+  write_atomically(path("customer-today.toml"), customer);
+  auto arguments = certify({path("today.json")}, "stamped", {"--timestamp", authority.url()});
+  *std::find(arguments.begin(), arguments.end(), path("customer.toml")) = path("customer-today.toml");
+  const auto made = run_fringecal(arguments);
+  *std::find(arguments.begin(), arguments.end(), path("stamped")) = path("not-stamped");
+  *std::find(arguments.begin(), arguments.end(), authority.url()) = authority.url("/status");
+  const auto refused = run_fringecal(arguments);
+  ::setenv("SOURCE_DATE_EPOCH", "1795330800", 1);
+  ASSERT_EQ(made.exit_code, 0) << made.errors;
+  EXPECT_EQ(authority.answers_given(), 2);
+  EXPECT_EQ(refused.exit_code, 3);
+  EXPECT_FALSE(fs::exists(path("not-stamped")));
+  const auto check = [&](const std::string& root) {
+    return run_fringecal({"check", path("stamped"), "--trust", path("lab.pem"), "--trust-timestamp", root});
+  };
+  EXPECT_THAT(check(authority.root()).output, HasSubstr("XML time-stamped " + now.substr(0, 10)));
+  EXPECT_EQ(check(authority.root()).exit_code, 0);
+  EXPECT_THAT(check(path("lab.pem")).errors, HasSubstr("PDF: the time stamp does not hold"));
+  EXPECT_THAT(run_fringecal({"check", path("stamped"), "--trust", path("lab.pem")}).output,
+              HasSubstr("who was not judged"));
+  fs::rename(path("stamped/certificate.pdf.tsr"), path("stamped/certificate.xml.tsr"));
+  EXPECT_THAT(check(authority.root()).errors, HasSubstr("XML: the time stamp does not hold"));
 }
 
 TEST_F(Certify, NeedsNoNetwork) {
@@ -184,6 +256,8 @@ TEST_F(Certify, FromAHistoryEntersItselfAndIsBoundToIt) {
   const auto checked = run_fringecal({"check", path("from-history"), "--trust", path("lab.pem"), "--history", file});
   EXPECT_EQ(checked.exit_code, 0) << checked.errors;
   EXPECT_THAT(checked.output, HasSubstr("its chain unbroken"));
+  // The certificate is an entry itself: a PDF and XML of the same number that were issued elsewhere are not those.
+  EXPECT_THAT(checked.output, HasSubstr("the certificate is entry 2"));
   const std::string other = path("other.db");
   metrology::History(other, metrology::History::Access::write)
       .append("verification", metrology::to_value(test::sample_verification(0.001)), "2026-11-20T11:00:00Z");

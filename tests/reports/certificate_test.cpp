@@ -267,5 +267,52 @@ TEST(ArtefactCertificate, IsReadWithUnitsUncertaintyAndTraceability) {
               HasSubstr("needs 2 certified diameters and a distance"));
 }
 
+std::string ball_bar_dcc(const std::string& results) {
+  return R"(<?xml version="1.0"?><dcc:digitalCalibrationCertificate xmlns:dcc="https://ptb.de/dcc" xmlns:si="https://ptb.de/si" schemaVersion="3.3.0">
+<dcc:administrativeData><dcc:coreData><dcc:uniqueIdentifier>7</dcc:uniqueIdentifier><dcc:issueDate>2026-03-01</dcc:issueDate></dcc:coreData>
+<dcc:items><dcc:item><dcc:name><dcc:content>Bar</dcc:content></dcc:name></dcc:item></dcc:items></dcc:administrativeData>
+<dcc:measurementResults><dcc:measurementResult><dcc:results>)" +
+         results +
+         "</dcc:results></dcc:measurementResult></dcc:measurementResults></dcc:digitalCalibrationCertificate>";
+}
+
+std::string dcc_length(const std::string& ref_type, const std::string& name, const std::string& mm) {
+  return "<dcc:quantity" + (ref_type.empty() ? "" : " refType=\"" + ref_type + "\"") + "><dcc:name><dcc:content>" +
+         name + "</dcc:content></dcc:name><si:real><si:value>" + mm +
+         "</si:value><si:unit>\\milli\\metre</si:unit><si:expandedUnc><si:uncertainty>0.001</si:uncertainty>"
+         "<si:coverageFactor>2</si:coverageFactor></si:expandedUnc></si:real></dcc:quantity>";
+}
+
+std::string ball_bar_entry(const std::string& results) {
+  const auto certificate = artefact_certificate(XmlDocument::parse(ball_bar_dcc(results), "b.xml"), "b.xml");
+  return artefact_toml(certificate, {.kind = "ball_bar", .valid_until = "2028-03-01"}, "b.xml");
+}
+
+TEST(ArtefactCertificate, IsReadByRefTypesBeforeNames) {
+  // The names would tell the opposite; the second diameter has its type from the result around it.
+  const std::string toml = ball_bar_entry(
+      "<dcc:result><dcc:data>" + dcc_length("geometry_sphereDiameter basic_measuredValue", "Distance 1", "30.001") +
+      dcc_length("geometry_centreDistance", "Diameter", "150.013") +
+      dcc_length("geometry_sphereDiameter basic_nominalValue", "Diameter", "30") +
+      "</dcc:data></dcc:result><dcc:result refType=\"geometry_sphereDiameter\"><dcc:data><dcc:list>" +
+      dcc_length("basic_measuredValue", "B", "30.002") + "</dcc:list></dcc:data></dcc:result>");
+  EXPECT_THAT(toml, HasSubstr("diameter_mm = [30.001, 30.002]"));
+  EXPECT_THAT(toml, HasSubstr("distance_mm = 150.013"));
+  EXPECT_THAT(toml, HasSubstr("# also certified: \"Diameter\" 30 mm"));  // the set point
+}
+
+TEST(ArtefactCertificate, IsReadByNamesOfManyLanguagesWhereThereAreNoRefTypes) {
+  for (const auto& [diameter, distance] :
+       {std::pair("Diamètre de la sphère", "Distance des centres"), std::pair("Diámetro", "Distancia entre centros"),
+        std::pair("球直径", "球心距离"), std::pair("Kugeldurchmesser", "Abstand"),
+        std::pair("Średnica kuli", "Odległość"), std::pair("Диаметр", "Расстояние")}) {
+    const std::string toml = ball_bar_entry("<dcc:result><dcc:data>" + dcc_length("", diameter, "30.001") +
+                                            dcc_length("", diameter, "30.002") + dcc_length("", distance, "150.013") +
+                                            "</dcc:data></dcc:result>");
+    EXPECT_THAT(toml, HasSubstr("diameter_mm = [30.001, 30.002]")) << diameter;
+    EXPECT_THAT(toml, HasSubstr("distance_mm = 150.013")) << distance;
+  }
+}
+
 }  // namespace
 }  // namespace fringecal::reports

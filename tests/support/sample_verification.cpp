@@ -1,6 +1,11 @@
 #include "tests/support/sample_verification.h"
 
+#include "core/file.h"
+
+#include <fmt/format.h>
+
 #include <array>
+#include <cmath>
 #include <string>
 
 namespace fringecal::test {
@@ -96,6 +101,45 @@ metrology::Verification sample_verification(double shift_mm) {
                   .date = "2026-11-20T10:47:40Z",
                   .inputs = {{"scanner.json", std::string(64, 'a')}}};
   return v;
+}
+
+void add_features(metrology::Verification& v, const std::filesystem::path& folder) {
+  struct Part {
+    const char *capture, *artefact;
+    int part;
+    Eigen::Vector3d place_mm;
+    double size_mm;  // of a cap, or of a plane
+  };
+  const auto add = [&](const Part& one) {
+    std::vector<Eigen::Vector3d> points;
+    std::vector<double> deviations;
+    for (int i = -20; i <= 20; ++i) {
+      for (int k = -20; k <= 20; ++k) {
+        const double x = i / 20.0, y = k / 20.0;
+        if (one.size_mm < 100 && x * x + y * y > 1) continue;
+        points.push_back(one.place_mm + one.size_mm / 2 * Eigen::Vector3d(x, y, 0.3 * (1 - x * x - y * y)));
+        deviations.push_back(0.02 * std::sin(4 * x) + 0.01 * y * one.place_mm.z() / 100);
+      }
+    }
+    const auto cloud = metrology::residual_cloud(points, deviations, std::vector<bool>(points.size()));
+    const std::string bytes = metrology::to_ply(cloud);
+    metrology::MeasuredFeature feature{.capture = one.capture, .artefact = one.artefact, .part = one.part};
+    feature.place_mm = one.place_mm;
+    metrology::set_box(feature, cloud);
+    feature.cloud = fmt::format("clouds/{}-{}.ply", one.capture, one.part + 1);
+    feature.cloud_sha256 = sha256_hex(bytes);
+    write_atomically(folder / feature.cloud, bytes);
+    v.features.push_back(feature);
+  };
+  for (int k = 0; k < 3; ++k) {
+    const std::string number = fmt::format("-{:02}", k), probing = "probing" + number, bar = "bar" + number,
+                      flat = "flat" + number;
+    const Eigen::Vector3d at(-120 + 110 * k, 60 - 70 * k, 40 * k - 30);
+    add({probing.c_str(), "sphere 30", 0, at, 30});
+    add({bar.c_str(), "ball bar 150", 0, at + Eigen::Vector3d(-70, 30, 10), 30});
+    add({bar.c_str(), "ball bar 150", 1, at + Eigen::Vector3d(70, -20, -20), 30});
+    add({flat.c_str(), "flat 500", 0, Eigen::Vector3d(10, 0, 60.0 * k - 60), 300});
+  }
 }
 
 std::string sample_laboratory(bool test) {
