@@ -88,6 +88,8 @@ Capture CommissionScanner::capture(const std::string& name, const std::string& s
   d.plc().select(selection);
   hw::CaptureOptions options = d.capture_options;
   options.folder = folder;
+  if (options_.in_process)
+    options.motion_limit = std::chrono::minutes(30);  // a scene is rendered while its stage "moves"
   options.source = fmt::format("commissioning of the virtual scanner {}, seed {}: {}", session_.choices().preset,
                                session_.choices().seed, name);
   hw::SystemClock clock;

@@ -9,8 +9,8 @@
 //   p(r | H_j) = N(r; 0, M_j),   M_j = C + D_j S_j D_j^T + E_j                                                    (2)
 //   P(H_j | r) = p(r | H_j) P(H_j) / sum_k p(r | H_k) P(H_k)                                                      (3)
 //   a_j = S_j D_j^T M_j^{-1} r,   cov(a_j) = S_j - S_j D_j^T M_j^{-1} D_j S_j                                     (4)
-// E_j = diag((kNonlinear D_j a_j)^2), from (4) without it: what the first order leaves of a large fault, 2 % (a camera
-// turned by 3 mrad: 1 % measured). A fault of more amplitudes is not preferred for its freedom: det M_j in (2) pays for
+// E_j = diag((kNonlinear D_j a_j)^2), from (4) without it: what the first order leaves of a large fault, 2 %, an
+// allowance for its curvature. A fault of more amplitudes is not preferred for its freedom: det M_j in (2) pays for
 // each (Occam factor). [MacKay2003, ch. 28]
 //
 // A cause is named when it has kNamed of the probability that is not with "healthy"; otherwise all that together hold

@@ -6,7 +6,7 @@
 // i the incidence of the light, as the modulation of a matt surface falls with its cosine and u(phi) is inverse to it
 // [reconstruct.h, eq. 1]; u_phi is that of a white board square to the light. The point is displaced along its ray by
 // one draw of u(l). Left out: shadows that artefacts throw on each other, the fall-off of the light over the field, periodic
-// phase errors. Compared with rendered captures of the virtual scanner U agrees within 20 % where noise counts.
+// phase errors: away from the middle of the field the noise is more than predicted.
 // The values of the predicted quantities mean nothing but one draw of the noise; their budgets, U and
 // u_of_later_measurements are the prediction.
 // Frame `world`, mm. A plan whose series have no places: no result.

@@ -61,8 +61,18 @@ class DirectScanner::DirectPlc final : public hw::RegisterPlc {
   PlcCore& core_;
 };
 
+namespace {
+
+/// Nobody supervises a stage of no mass: a scene is rendered while it "moves", for as long as a busy machine takes.
+PlcCoreOptions patient(PlcCoreOptions options) {
+  options.motion_limit = options.watchdog = std::chrono::minutes(30);
+  return options;
+}
+
+}  // namespace
+
 DirectScanner::DirectScanner(const VirtualScanner& scanner, std::uint64_t instrument_seed)
-    : core_(plc_options_of(scanner)),
+    : core_(patient(plc_options_of(scanner))),
       view_(scanner, core_),
       camera_(std::make_unique<DirectCamera>(camera_options_of(scanner, instrument_seed), view_)),
       plc_(std::make_unique<DirectPlc>(core_)) {}

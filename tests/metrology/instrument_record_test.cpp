@@ -7,6 +7,8 @@
 
 #include <gtest/gtest.h>
 
+#include <map>
+
 namespace fringecal::metrology {
 namespace {
 
@@ -112,8 +114,11 @@ TEST(HistorySeries, HasTheInstrumentsOwnQuantitiesBesideThoseOfVerifications) {
   EXPECT_EQ(keys.front().symbol, "delta");
   EXPECT_EQ(keys.back().symbol, "temperature");
   history.each([&](const HistoryView& entry) {
-    if (entry.number == 1) EXPECT_EQ(summary_of(entry), "scanner \"A\": aligned after 1 turns");
-    if (entry.number == 4) EXPECT_NE(summary_of(entry).find(v.plan), std::string::npos);
+    if (entry.number == 1) {
+      EXPECT_EQ(summary_of(entry), "scanner \"A\": aligned after 1 turns");
+    } else if (entry.number == 4) {
+      EXPECT_NE(summary_of(entry).find(v.plan), std::string::npos);
+    }
   });
 }
 
