@@ -30,5 +30,6 @@ void add_certify(CLI::App& app);
 void add_check(CLI::App& app);
 void add_dcc(CLI::App& app);
 void add_report(CLI::App& app);
+void add_serve(CLI::App& app);
 
 }  // namespace fringecal::cli

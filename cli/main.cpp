@@ -15,10 +15,6 @@
 #include <filesystem>
 #include <new>
 
-namespace fringecal::cli {
-void add_serve(CLI::App& app);
-}
-
 int main(int argc, char** argv) {
   using namespace fringecal;
   CLI::App app{"fringecal - commissions, verifies and certifies fringe-projection 3D scanners", "fringecal"};

@@ -52,7 +52,7 @@ function instruction(step, again) {
 function history(iterations) {
   const points = iterations.map((it, i) => ({x: i + 1, y: it.measured.theta_mrad, U: 2 * it.measured.u_theta_mrad}));
   const f = frame({x: [0.5, Math.max(2.5, points.length + 0.5)], y: range([0, ...points.flatMap((p) => [p.y - p.U, p.y + p.U])]),
-    height: 220, xLabel: t('align.iteration'), yLabel: 'θ / mrad', label: t('align.history.label', {n: points.length})});
+    height: 220, xText: (v) => (Number.isInteger(v) ? String(v) : ''), xLabel: t('align.iteration'), yLabel: 'θ / mrad', label: t('align.history.label', {n: points.length})});
   f.add(svg('line', {class: 'axis', x1: f.X(0.5), x2: f.X(Math.max(2.5, points.length + 0.5)), y1: f.Y(0), y2: f.Y(0)}),
     svg('path', {class: 'line', d: path(points.map((p) => [p.x, p.y]), f.X, f.Y)}),
     points.map((p) => [svg('line', {class: 'whisker', x1: f.X(p.x), x2: f.X(p.x), y1: f.Y(p.y - p.U), y2: f.Y(p.y + p.U)}),
