@@ -16,7 +16,9 @@ function scale(step) {
     svg('line', {class: 'axis', x1: X(0), x2: X(0), y1: 20, y2: 88}),
     svg('line', {class: 'whisker', x1: X(step.delta_um - U), x2: X(step.delta_um + U), y1: 50, y2: 50, 'stroke-width': 6}),
     svg('circle', {class: inside ? 'good' : 'bad', cx: X(step.delta_um), cy: 50, r: 13}),
-    [-limit, 0, limit].map((v) => svg('text', {class: 'strong large', x: X(v), y: 110, 'text-anchor': 'middle'}, v === 0 ? '0' : signed(v, 1))));
+    // A band that is narrow beside the deviation has no room for three figures.
+    X(limit) - X(-limit) < 200 ? svg('text', {class: 'strong large', x: X(0), y: 110, 'text-anchor': 'middle'}, `±${number(limit, 1)}`)
+      : [-limit, 0, limit].map((v) => svg('text', {class: 'strong large', x: X(v), y: 110, 'text-anchor': 'middle'}, v === 0 ? '0' : signed(v, 1))));
 }
 
 /// A turning arrow: three quarters of a circle in the sense of the turn.
