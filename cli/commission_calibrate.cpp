@@ -9,6 +9,19 @@
 #include <fmt/format.h>
 
 namespace fringecal::cli {
+namespace {
+
+/// Where the corners were in the picture, for whoever watches while the poses are taken.
+Value corner_places(const model::BoardObservation& observation, int width_px, int height_px) {
+  Value x = Value::array(), y = Value::array();
+  for (const auto& corner : observation.corners) {
+    x.append(corner.pixel.x());
+    y.append(corner.pixel.y());
+  }
+  return Value::object().set("width_px", width_px).set("height_px", height_px).set("x_px", x).set("y_px", y);
+}
+
+}  // namespace
 
 void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
   if (session.has("scanner.json") && session.has("calibration/poses.json")) {
@@ -35,6 +48,8 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
       auto observation = calib::observe_board(capture, board, name, &linearisation);
       Value pose = Value::object().set("name", name).set("used", observation.has_value());
       if (observation) {
+        session.store(name + "-corners.json",
+                      corner_places(*observation, capture.info.width_px, capture.info.height_px));
         observations.push_back(std::move(*observation));
       } else {
         pose.set("reason", observation.error().sentence);

@@ -1,7 +1,6 @@
-# cmake -DFOLDER=... -DOUTPUT=... -P embed.cmake: the files below FOLDER as a C++ source, one Page each. A literal of
-# bytes would be slow to compile; raw strings are read as they are and cut below the limit that other compilers have.
-file(GLOB_RECURSE files RELATIVE ${FOLDER} ${FOLDER}/*)
-list(SORT files)
+# cmake -DFOLDER=... -DNAMES=a,b,... -DOUTPUT=... -P embed.cmake: the named files of FOLDER as a C++ source, one Page each.
+# Raw strings: a literal of bytes would be slow to compile.
+string(REPLACE "," ";" files "${NAMES}")
 set(rows "")
 foreach(name ${files})
   file(READ ${FOLDER}/${name} content)

@@ -223,6 +223,11 @@ Value Workbench::calibration() const {
     const Value scanner = cached(commissioning() / "scanner.json");
     copy(scanner, out, {"camera", "projector", "residuals", "observations", "cam_from_board", "board", "method"});
   }
+  Value seen = Value::array();
+  for (const auto& name : names_in(commissioning() / "calibration")) {
+    if (name.ends_with("-corners.json")) seen.append(cached(commissioning() / "calibration" / name));
+  }
+  out.set("seen", seen);
   if (there(commissioning() / "report.json")) {
     const Value section = at(cached(commissioning() / "report.json"), {"calibration"});
     copy(section, out, {"parameters", "camera_residuals", "projector_residuals", "image_width_px", "image_height_px"});

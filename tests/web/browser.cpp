@@ -40,7 +40,7 @@ std::string decoded(const std::string& base64) {
 
 bool Browser::installed() { return test::installed("chromedriver") && test::installed("chromium"); }
 
-Browser::Browser() : port_(Served::free_port()) {
+Browser::Browser(Drawing drawing) : port_(Served::free_port()) {
   process_ = fork();
   if (process_ == 0) {
     const int nowhere = ::open("/dev/null", O_RDWR);
@@ -55,11 +55,15 @@ Browser::Browser() : port_(Served::free_port()) {
       break;
     std::this_thread::sleep_for(std::chrono::milliseconds(100));
   }
-  // WebGL by software; no sandbox, because tests often run as root; nothing that asks for an outside address.
-  const Value made = command("POST", "/session", R"({"capabilities": {"alwaysMatch": {"browserName": "chrome",
-    "goog:chromeOptions": {"args": ["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader", "--window-size=1280,720", "--hide-scrollbars", "--disable-background-networking",
-    "--disable-component-update", "--no-first-run", "--lang=en"], "prefs": {"intl.accept_languages": "en"}}}}})");
+  // No sandbox, because tests often run as root; nothing that asks for an outside address.
+  const std::string webgl = drawing == Drawing::webgl ? R"("--use-angle=swiftshader", "--enable-unsafe-swiftshader", )"
+                                                      : R"("--disable-gpu", )";
+  const Value made =
+      command("POST", "/session",
+              R"({"capabilities": {"alwaysMatch": {"browserName": "chrome", "goog:chromeOptions": {"args": [)" + webgl +
+                  R"("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1280,720",
+      "--hide-scrollbars", "--disable-background-networking", "--disable-component-update", "--no-first-run", "--lang=en"],
+      "prefs": {"intl.accept_languages": "en"}}}}})");
   const Value* id = made.find("sessionId");
   if (!id || !id->if_text()) throw std::runtime_error("no browser: " + to_json(made));
   session_ = *id->if_text();

@@ -13,7 +13,9 @@ class Browser {
   /// Whether this machine has one; a test without it skips by name.
   static bool installed();
 
-  Browser();
+  /// webgl: drawn by software, which slows everything else down.
+  enum class Drawing { flat, webgl };
+  explicit Browser(Drawing drawing = Drawing::flat);
   ~Browser();
   Browser(const Browser&) = delete;
   Browser& operator=(const Browser&) = delete;

@@ -111,6 +111,50 @@ TEST(Page, EveryPageShowsInBothLanguagesAndThemesWithoutAFault) {
   EXPECT_EQ(faults(browser), "");
 }
 
+/// A plane of 60 x 60 points 1 mm apart, three of which stand 5 mm off.
+std::string cloud_with_three_outliers() {
+  std::string out =
+      "ply\nformat ascii 1.0\nelement vertex 3600\nproperty double x\nproperty double y\nproperty double z\n"
+      "property ushort pixel_x\nproperty ushort pixel_y\nend_header\n";
+  for (int y = 0; y < 60; ++y) {
+    for (int x = 0; x < 60; ++x) {
+      const bool off = (x == 20 && y == 20) || (x == 40 && y == 20) || (x == 30 && y == 45);
+      // Heights between 0 and 0.06 mm without a pattern: an outlier filter needs something that is usual.
+      const double z = off ? 5 : 0.01 * ((x * 7 + y * 11 + x * y) % 7);
+      out += std::to_string(x) + " " + std::to_string(y) + " " + std::to_string(z) + " " + std::to_string(x) + " " +
+             std::to_string(y) + "\n";
+    }
+  }
+  return out;
+}
+
+TEST(Page, ACloudIsShownFilteredMeasuredAndCut) {
+  NEEDS_BROWSER();
+  if (!fs::exists("/usr/share/javascript/three/build/three.module.js")) GTEST_SKIP() << "libjs-three is not installed";
+  const ScratchFolder folder;
+  fs::create_directories(folder / "clouds");
+  folder.write("clouds/plane.ply", cloud_with_three_outliers());
+  Served served(folder.path());
+  Browser browser(Browser::Drawing::webgl);
+  browser.open(served.address());
+  ASSERT_TRUE(browser.wait_for("document.getElementById('next')", 30));
+  browser.evaluate(kWatch);
+  browser.evaluate("location.hash = '#/cloud'; return 1;");
+  const auto said = [&] { return browser.text("return document.querySelector('main').innerText;"); };
+  ASSERT_TRUE(browser.wait_for("document.getElementById('shown')?.textContent.startsWith('3,600 of 3,600')", 60))
+      << said();
+  browser.click("#outliers");
+  EXPECT_TRUE(browser.wait_for("document.querySelector('main').innerText.includes('3 points removed')", 20)) << said();
+  EXPECT_TRUE(browser.wait_for("document.getElementById('shown').textContent.startsWith('3,597')", 20)) << said();
+  // The keyboard: the middle of the plane from the front, then another point after a turn.
+  browser.evaluate(
+      "[...document.querySelectorAll('main button')].find(b => b.textContent === 'Front').click();"
+      "const c = document.querySelector('canvas'), key = k => c.dispatchEvent(new KeyboardEvent('keydown', {key: k}));"
+      "key('Enter'); for (let i = 0; i < 5; ++i) key('ArrowLeft'); key('Enter'); return 1;");
+  EXPECT_TRUE(browser.wait_for("/ mm \\(ΔX/.test(document.querySelector('main').innerText)", 20)) << said();
+  EXPECT_EQ(faults(browser), "");
+}
+
 /// A commissioning by clicks, with a reload, a second window and a killed server on the way, against the same one on the
 /// command line. About a minute of one core each.
 TEST(Page, ACommissioningByClicksEndsWithTheReportOfTheCommandLine) {
@@ -157,7 +201,7 @@ TEST(Page, ScreenshotsToLookAt) {
   const char *to = std::getenv("FRINGECAL_SCREENSHOTS"), *bench = std::getenv("FRINGECAL_WORKBENCH");
   if (!to || !bench) GTEST_SKIP() << "FRINGECAL_SCREENSHOTS and FRINGECAL_WORKBENCH name no folders";
   Served served(bench);
-  Browser browser;
+  Browser browser(Browser::Drawing::webgl);
   browser.open(served.address());
   ASSERT_TRUE(browser.wait_for("document.getElementById('next') || document.getElementById('job').dataset.state", 30));
   browser.evaluate(kWatch);

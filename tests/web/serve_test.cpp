@@ -1,6 +1,7 @@
 // The page's server under requests that it must refuse, and the job that it starts: bytes on sockets, no browser.
 #include "core/file.h"
 #include "tests/support/long_tests.h"
+#include "tests/support/other_programs.h"
 #include "tests/web/served.h"
 
 #include <gtest/gtest.h>
@@ -240,6 +241,48 @@ TEST(Serve, OtherAddressesNeedTlsAndAPassword) {
   const auto run = run_fringecal({"serve", folder.path().string(), "--address", "0.0.0.0"});
   EXPECT_EQ(run.exit_code, 2);
   EXPECT_NE(run.errors.find("--tls-certificate"), std::string::npos) << run.errors;
+}
+
+/// An exchange under TLS by OpenSSL's own client.
+std::string over_tls(int port, const std::string& request, const ScratchFolder& folder) {
+  const auto file = folder.write("request", request);
+  return run_in_shell("(cat " + file.string() + "; sleep 1) | timeout 10 openssl s_client -quiet -connect 127.0.0.1:" +
+                      std::to_string(port) + " 2>/dev/null")
+      .output;
+}
+
+TEST(Serve, UnderTlsThePasswordOpensAndPlainHttpDoesNot) {
+  if (!installed("openssl")) GTEST_SKIP() << "openssl is not installed";
+  const ScratchFolder folder, keys;
+  const std::string key = (keys / "key.pem").string(), certificate = (keys / "certificate.pem").string();
+  ASSERT_EQ(run_in_shell("openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -days 1 -subj "
+                         "/CN=127.0.0.1 -keyout " +
+                         key + " -out " + certificate)
+                .status,
+            0);
+  const std::string password = keys.write("password", "correct horse battery\n").string();
+  const int port = Served::free_port();
+  RunningProgram program({"serve", folder.path().string(), "--port", std::to_string(port), "--tls-certificate",
+                          certificate, "--tls-key", key, "--password-file", password});
+  ASSERT_TRUE(program.line().starts_with("https://127.0.0.1:"));
+  const std::string own = "Host: 127.0.0.1:" + std::to_string(port) + "\r\n";
+  EXPECT_EQ(talk(port, Served::request("GET", "/sign-in", own)).status, 0) << "plain HTTP is answered";
+  EXPECT_NE(over_tls(port, Served::request("GET", "/sign-in", own), keys).find("200 OK"), std::string::npos);
+  EXPECT_NE(over_tls(port, Served::request("GET", "/api/state", own), keys).find(" 401 "), std::string::npos);
+  const auto sign_in = [&](const std::string& word) {
+    const std::string body = R"({"password": ")" + word + R"("})";
+    return over_tls(port,
+                    Served::request("POST", "/sign-in",
+                                    own + "Origin: https://127.0.0.1:" + std::to_string(port) +
+                                        "\r\nContent-Type: application/json\r\nContent-Length: " +
+                                        std::to_string(body.size()) + "\r\n") +
+                        body,
+                    keys);
+  };
+  EXPECT_NE(sign_in("wrong horse battery").find(" 401 "), std::string::npos);
+  const std::string right = sign_in("correct horse battery");  // more than a second later: the client waits for one
+  EXPECT_NE(right.find(" 303 "), std::string::npos) << right;
+  EXPECT_NE(right.find("; Secure"), std::string::npos) << right;
 }
 
 }  // namespace

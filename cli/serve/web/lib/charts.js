@@ -48,7 +48,7 @@ export function frame(options) {
     svg('text', {x: (left + width - right) / 2, y: height - 6, 'text-anchor': 'middle'}, xLabel),
     svg('text', {x: 14, y: (top + height - bottom) / 2, 'text-anchor': 'middle',
       transform: `rotate(-90 14 ${(top + height - bottom) / 2})`}, yLabel));
-  return {node, X, Y, add: (...children) => shapes.append(...children)};
+  return {node, X, Y, add: (...children) => shapes.append(...children.flat(Infinity))};
 }
 
 export function path(points, X, Y) {

@@ -16,7 +16,9 @@ function scale(step) {
     svg('line', {class: 'axis', x1: X(0), x2: X(0), y1: 20, y2: 88}),
     svg('line', {class: 'whisker', x1: X(step.delta_um - U), x2: X(step.delta_um + U), y1: 50, y2: 50, 'stroke-width': 6}),
     svg('circle', {class: inside ? 'good' : 'bad', cx: X(step.delta_um), cy: 50, r: 13}),
-    [-limit, 0, limit].map((v) => svg('text', {class: 'strong large', x: X(v), y: 110, 'text-anchor': 'middle'}, v === 0 ? '0' : signed(v, 1))));
+    // A band that is narrow beside the deviation has no room for three figures.
+    X(limit) - X(-limit) < 200 ? svg('text', {class: 'strong large', x: X(0), y: 110, 'text-anchor': 'middle'}, `±${number(limit, 1)}`)
+      : [-limit, 0, limit].map((v) => svg('text', {class: 'strong large', x: X(v), y: 110, 'text-anchor': 'middle'}, v === 0 ? '0' : signed(v, 1))));
 }
 
 /// A turning arrow: three quarters of a circle in the sense of the turn.
@@ -52,7 +54,7 @@ function instruction(step, again) {
 function history(iterations) {
   const points = iterations.map((it, i) => ({x: i + 1, y: it.measured.theta_mrad, U: 2 * it.measured.u_theta_mrad}));
   const f = frame({x: [0.5, Math.max(2.5, points.length + 0.5)], y: range([0, ...points.flatMap((p) => [p.y - p.U, p.y + p.U])]),
-    height: 220, xLabel: t('align.iteration'), yLabel: 'θ / mrad', label: t('align.history.label', {n: points.length})});
+    height: 220, xText: (v) => (Number.isInteger(v) ? String(v) : ''), xLabel: t('align.iteration'), yLabel: 'θ / mrad', label: t('align.history.label', {n: points.length})});
   f.add(svg('line', {class: 'axis', x1: f.X(0.5), x2: f.X(Math.max(2.5, points.length + 0.5)), y1: f.Y(0), y2: f.Y(0)}),
     svg('path', {class: 'line', d: path(points.map((p) => [p.x, p.y]), f.X, f.Y)}),
     points.map((p) => [svg('line', {class: 'whisker', x1: f.X(p.x), x2: f.X(p.x), y1: f.Y(p.y - p.U), y2: f.Y(p.y + p.U)}),

@@ -5,13 +5,15 @@ import {get, watch} from '../lib/server.js';
 import {frame, path, range} from '../lib/charts.js';
 
 /// A row of an observation's corners: column, row, pixel x, pixel y, u, used, ... (calib/model/scanner.h).
+/// Before there is a result: what the poses so far have left.
 function corners(data) {
+  if (!data.observations) return data.seen.flatMap((s, pose) => s.x_px.map((x, i) => ({pose, x, y: s.y_px[i], used: true})));
   return (data.observations ?? []).flatMap((o, pose) => o.corners.map(([, , x, y, , used]) => ({pose, x, y, used: used === 1})));
 }
 
 /// Corners per cell of the image; an empty cell is where the board has not been.
 function coverage(data) {
-  const all = corners(data), w = data.camera.width_px, h = data.camera.height_px;
+  const all = corners(data), w = data.camera?.width_px ?? data.seen[0].width_px, h = data.camera?.height_px ?? data.seen[0].height_px;
   const nx = 16, ny = 12, count = Array.from({length: ny}, () => new Array(nx).fill(0));
   for (const c of all) {
     const i = Math.min(nx - 1, Math.max(0, Math.floor(nx * c.x / w))), j = Math.min(ny - 1, Math.max(0, Math.floor(ny * c.y / h)));
@@ -79,11 +81,11 @@ export function show(main) {
     replace(head, el('h2', t('calibrate.poses', {done, of: c.poses_planned ?? 0})), tiles,
       k ? el('p', t('calibrate.summary', {px: number(k.camera_rms_px, 3), ...projector(k), board: number(1000 * k.grid_rms_mm, 1)}))
         : el('p.soft', t(done ? 'calibrate.under.way' : 'calibrate.none')));
+    const data = await get('/api/calibration');
     if (!k) {
-      replace(grid);
+      replace(grid, data.seen.length && el('section.card', el('h2', t('calibrate.coverage')), coverage(data)));
       return;
     }
-    const data = await get('/api/calibration');
     replace(grid, el('section.card', el('h2', t('calibrate.coverage')), coverage(data)),
       el('section.card', el('h2', t('calibrate.volume')), volume(data)),
       el('section.card', el('h2', t('calibrate.residuals')), residuals(data)),
@@ -91,7 +93,7 @@ export function show(main) {
   };
   return watch((state) => {
     const c = state.commissioning;
-    const now = `${c.poses} ${c.calibration?.date} ${c.report?.date}`;
+    const now = `${c.poses} ${c.calibration?.date} ${c.report?.date} ${document.documentElement.lang}`;
     if (now === key) return;
     key = now;
     draw(c).catch((error) => replace(grid, el('p.trouble', error.message)));

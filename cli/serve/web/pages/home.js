@@ -28,6 +28,11 @@ function aligned(c) {
     [t('home.tolerance', {value: number(a.tolerance_um, 1), bit: a.bit}), when(a.date)], '#/align');
 }
 
+/// Opens beside the page: it is a document of its own.
+function reportLink(c) {
+  return c.report && el('p', el('a', {href: '/report.html', target: '_blank', rel: 'noopener'}, t('home.report')), ` (${when(c.report.date)})`);
+}
+
 function calibrated(c) {
   const k = c.calibration;
   if (!k) {
@@ -97,7 +102,7 @@ export function show(main) {
       replace(next, nextStep(state));
     }
     replace(cards, devices(state), aligned(state.commissioning), calibrated(state.commissioning), verified(state));
-    replace(trouble, state.trouble.map((line) => el('p.trouble', line)));
+    replace(trouble, reportLink(state.commissioning), state.trouble.map((line) => el('p.trouble', line)));
     if (history !== state.history) {
       history = state.history;
       trends(trend).catch((error) => replace(trend, el('p.trouble', error.message)));
