@@ -160,6 +160,8 @@ Value parse_json(std::string_view text, const std::string& name) {
     const std::size_t end = std::min(e.byte, text.size());
     const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
     throw InputError(fmt::format("{}: line {} is not valid JSON; restore the file or make it again", name, line));
+  } catch (const nlohmann::json::exception&) {  // "1e999"
+    throw InputError(fmt::format("{}: a number in it is beyond what can be computed with; correct it there", name));
   }
 }
 

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <numbers>
 
 namespace fringecal::metrology {
@@ -155,7 +156,11 @@ class Continuity {
 Image<std::uint8_t> widened(const Image<std::uint8_t>& marks, int reach) {
   const int width = marks.width(), height = marks.height();
   Image<std::uint8_t> across(width, height), out(width, height);
+  std::vector<std::uint8_t> any(static_cast<std::size_t>(height));  // most rows have no mark
   parallel_for(height, [&](int y) {
+    const auto from = marks.row(y);
+    any[static_cast<std::size_t>(y)] = std::memchr(from.data(), 1, from.size()) != nullptr;
+    if (!any[static_cast<std::size_t>(y)]) return;
     int last = -1'000'000;  // running distance from the left, then from the right
     for (int x = 0; x < width; ++x) {
       if (marks(x, y)) last = x;
@@ -169,6 +174,7 @@ Image<std::uint8_t> widened(const Image<std::uint8_t>& marks, int reach) {
   });
   parallel_for(height, [&](int y) {
     for (int r = std::max(0, y - reach); r <= std::min(height - 1, y + reach); ++r) {
+      if (!any[static_cast<std::size_t>(r)]) continue;
       for (int x = 0; x < width; ++x) out(x, y) |= across(x, r);
     }
   });
@@ -180,17 +186,23 @@ void leave_out_edges(Field& field, const Continuity& continuous, int margin) {
   const int width = field.fate.width(), height = field.fate.height();
   // Bit 0: a jump to the pixel on the right, bit 1: to the one below; each pair of neighbours is looked at once.
   Image<std::uint8_t> missing(width, height), jumps(width, height), jump(width, height);
-  const auto is_point = [&](int x, int y) { return field.fate(x, y) == Fate::point; };
+  std::vector<std::uint8_t> any(static_cast<std::size_t>(height));
   parallel_for(height, [&](int y) {
+    const Fate* const here = field.fate.row(y).data();
+    const Fate* const below = y + 1 < height ? field.fate.row(y + 1).data() : nullptr;
+    std::uint8_t found = 0;
     for (int x = 0; x < width; ++x) {
-      missing(x, y) = !is_point(x, y);
+      missing(x, y) = here[x] != Fate::point;
       if (missing(x, y)) continue;
-      const bool right = x + 1 < width && is_point(x + 1, y) && !continuous(x, y, x + 1, y, 1.0);
-      const bool below = y + 1 < height && is_point(x, y + 1) && !continuous(x, y, x, y + 1, 1.0);
-      jumps(x, y) = static_cast<std::uint8_t>(right | (below << 1));
+      const bool right = x + 1 < width && here[x + 1] == Fate::point && !continuous(x, y, x + 1, y, 1.0);
+      const bool down = below && below[x] == Fate::point && !continuous(x, y, x, y + 1, 1.0);
+      jumps(x, y) = static_cast<std::uint8_t>(right | (down << 1));
+      found |= jumps(x, y);
     }
+    any[static_cast<std::size_t>(y)] = found;
   });
   parallel_for(height, [&](int y) {
+    if (!any[static_cast<std::size_t>(y)] && !(y > 0 && any[static_cast<std::size_t>(y - 1)])) return;
     for (int x = 0; x < width; ++x) {
       jump(x, y) = jumps(x, y) || (x > 0 && (jumps(x - 1, y) & 1)) || (y > 0 && (jumps(x, y - 1) & 2));
     }

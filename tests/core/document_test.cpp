@@ -37,6 +37,11 @@ TEST(Value, KeysKeepTheirOrderAndTextItsCharacters) {
   EXPECT_EQ(to_json(back), json);
 }
 
+TEST(Value, ANumberBeyondDoubleIsRefused) {
+  EXPECT_THROW(parse_json("{\"a\": 1e999}", "a.json"), InputError);
+  EXPECT_THROW(parse_json("[-0.1e400]", "a.json"), InputError);
+}
+
 TEST(Value, NanHasNoJson) {
   EXPECT_THROW(to_json(Value(std::nan(""))), std::logic_error);
   EXPECT_THROW(to_json(Value(HUGE_VAL)), std::logic_error);
