@@ -449,6 +449,20 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
   return out;
 }
 
+std::optional<Eigen::MatrixXd> BundleSystem::information(const Bundle& b) {
+  require(reported_ == static_cast<int>(dense_.size()) && targets_ == 0, "only reported unknowns are shared");
+  if (!linearise(b)) return std::nullopt;
+  Eigen::MatrixXd s = shared_;
+  if (along_column_ >= 0) s(along_column_, along_column_) -= 1.0 / (components_.along_mm * components_.along_mm);
+  for (const PoseBlock& block : blocks_) {
+    const Eigen::LLT<Eigen::MatrixXd> llt(block.a);
+    if (llt.info() != Eigen::Success) return std::nullopt;
+    const Eigen::MatrixXd half = llt.matrixL().solve(block.w);
+    s.noalias() -= half.transpose() * half;
+  }
+  return Eigen::MatrixXd(0.5 * (s + s.transpose()));
+}
+
 Result<Eigen::MatrixXd> BundleSystem::jackknife(const Bundle& b) const {
   // A system of no sights has the priors only, one of a single pose's sights those and the pose's part.
   Bundle part = b;

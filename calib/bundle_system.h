@@ -93,6 +93,10 @@ class BundleSystem {
   /// It needs no model of how the readings of one pose err together. [Efron1982] No result: a pose that nothing replaces.
   Result<Eigen::MatrixXd> jackknife(const Bundle& bundle) const;
 
+  /// What the sights of a bundle say of the reported unknowns, those of its poses eliminated (S of eq. 1, without priors on
+  /// shared unknowns). The system must not have other shared unknowns. No value: a pose that its sights leave open.
+  std::optional<Eigen::MatrixXd> information(const Bundle& bundle);
+
   /// Names of the shared unknowns but the printing errors; reported() of them belong in the Scanner's covariance.
   const std::vector<std::string>& names() const { return names_; }
   int reported() const { return reported_; }

@@ -294,10 +294,19 @@ Result<SolveReport> Solver::report(const BundleSystem& system, BundleSystem::Pos
   const auto left = system.newton(0.0);
   out.newton_decrement = left ? std::sqrt(std::max(0.0, -system.slope(*left))) : HUGE_VAL;
   if (!(out.newton_decrement < 1e-3)) {  // eq. 3
+    // What is left is along what the poses hardly determine; the parameter that would still move most names it.
+    std::string open = "everything";
+    if (left) {
+      const auto n = static_cast<Eigen::Index>(system.names().size());
+      Eigen::Index most = 0;
+      left->shared.head(n).cwiseQuotient(posterior.shared.diagonal().head(n).cwiseSqrt()).cwiseAbs().maxCoeff(&most);
+      open = system.names()[static_cast<std::size_t>(most)];
+    }
     return unanswerable(
         fmt::format("the joint solve did not converge: {:.2g} standard uncertainties are left to go after {} "
-                    "iterations; capture the board in more, differently tilted poses",
-                    out.newton_decrement, iterations_));
+                    "iterations, most of it in {}, which the poses hardly determine; capture the board in more poses, "
+                    "tilted by 20 to 40 degrees about different axes",
+                    out.newton_decrement, iterations_, open));
   }
   const int reported = system.reported();
   out.covariance.names.assign(system.names().begin(), system.names().begin() + reported);

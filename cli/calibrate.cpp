@@ -5,9 +5,11 @@
 #include "calib/linearise.h"
 #include "cli/calibrate_corners.h"
 #include "cli/commands.h"
+#include "cli/uncertainty.h"
 #include "core/error.h"
 #include "core/file.h"
 #include "metrology/instrument_record.h"
+#include "metrology/uncertainty_map.h"
 
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
@@ -23,7 +25,7 @@ using calib::DistortionTerms;
 
 struct Options {
   std::vector<std::filesystem::path> captures, flat;
-  std::string board, output, history;
+  std::string board, output, history, report;
   CornerOptions corners;  // its fields that calibrate has too are filled in from here
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;
@@ -47,6 +49,12 @@ std::vector<calib::PlanarView> views_of(const model::Scanner& s) {
     out.push_back(std::move(view));
   }
   return out;
+}
+
+/// What the captures leave open, in sentences.
+std::vector<std::string> open_words(const model::Scanner& s) {
+  const auto map = metrology::uncertainty_map(s, {.section_steps = 0});
+  return map ? metrology::open_words(*map) : std::vector<std::string>{map.error().sentence};
 }
 
 /// Value of a parameter by its name in the covariance; empty for the increments of a rotation.
@@ -75,7 +83,8 @@ std::optional<double> value_of(const model::Scanner& s, const std::string& name)
 }
 
 void print_json(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped) {
-  Value parameters = Value::object(), lost = Value::array();
+  Value parameters = Value::object(), lost = Value::array(), open = Value::array();
+  for (const auto& words : open_words(s)) open.append(words);
   for (const std::string& name : s.uncertainty.names) {
     Value one = Value::object();
     if (const auto value = value_of(s, name)) one.set("value", *value);
@@ -90,6 +99,7 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
                   .set("base_mm", s.base_mm())
                   .set("working_distance_mm", s.working_distance_mm)
                   .set("residuals", model::to_value(r))
+                  .set("open", open)
                   .set("method", s.method);
   if (s.paper_model) out.set("paper_rms_xyz_mm", Value::numbers(s.paper_model->rms_xyz_mm));
   if (s.paper_ideal_model) out.set("paper_ideal_rms_xyz_mm", Value::numbers(s.paper_ideal_model->rms_xyz_mm));
@@ -126,6 +136,7 @@ void print_text(const Options& options, const model::Scanner& s, const std::vect
     fmt::print("  {}\n", without_paper);
   }
   for (const auto& p : s.priors) fmt::print("  prior: {} = {} +- {:.3g}: {}\n", p.parameter, p.value, p.u, p.reason);
+  for (const auto& words : open_words(s)) fmt::print("  {}\n", words);
   fmt::print("  {}\n", s.method);
 }
 
@@ -193,6 +204,7 @@ void run(const Options& options) {
     metrology::History history(options.history, metrology::History::Access::write);
     metrology::append_once(history, record);
   }
+  if (!options.report.empty()) write_uncertainty_page(*scanner, options.report);
   if (options.json) {
     print_json(options, *scanner, views.dropped);
   } else {
@@ -275,6 +287,8 @@ void add_calibrate(CLI::App& app) {
                       "Captures of a plain flat board on the aligned instrument: the phase linearisation, kept in the "
                       "Scanner file and used by measure, is measured on them");
   command->add_flag("--flat-board", options->flat_board, "Take the board as flat instead of estimating its bow");
+  command->add_option("--report", options->report,
+                      "HTML page to write: the uncertainty over the volume, what is left open, halves of the poses");
   command->add_flag("--json", options->json, "Print the summary as JSON");
   command->footer(
       "Example: fringecal calibrate captures/board_* --board board.toml --pixel-mm 0.00645 -o scanner.json\n"

@@ -1,4 +1,6 @@
+#include "cli/uncertainty.h"
 #include "calib/halves.h"
+#include "calib/next_pose.h"
 #include "cli/commands.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -15,7 +17,7 @@ namespace {
 struct Options {
   std::string scanner, page;
   metrology::MapOptions how;
-  bool halves = false, json = false;
+  bool halves = false, next_pose = false, json = false;
 };
 
 template <class T>
@@ -36,23 +38,40 @@ void print(const reports::UncertaintyPage& p) {
   for (const auto& words : metrology::open_words(m)) fmt::print("  {}\n", words);
   for (const auto& w : p.whiteness) fmt::print("  {}\n", metrology::words_of(w));
   if (p.halves) fmt::print("  halves of the poses: {}\n", metrology::verdict_of(*p.halves));
+  if (!p.without_halves.empty()) fmt::print("  halves of the poses cannot be compared: {}\n", p.without_halves);
   for (const auto& prior : p.priors) {
     fmt::print("  prior: {} = {} +- {:.3g}: {}\n", prior.parameter, prior.value, prior.u, prior.reason);
   }
 }
 
-void run(const Options& o) {
-  const model::Scanner s = model::read_scanner(o.scanner);
+reports::UncertaintyPage judged(const model::Scanner& s, const Options& o) {
   metrology::MapOptions how = o.how;
   if (o.page.empty()) how.section_steps = 0;
   reports::UncertaintyPage p{s.name, needed(metrology::uncertainty_map(s, how), o.scanner), {}, {}, s.priors};
   if (s.board) p.whiteness = needed(metrology::residual_whiteness(s), o.scanner);
   if (o.halves) {
-    const auto halves = needed(calib::solve_halves(s), o.scanner);
-    p.halves = needed(metrology::compare_scanners(halves.first, halves.second, o.how.grid), o.scanner);
+    const auto halves = calib::solve_halves(s);
+    if (halves) {
+      p.halves = needed(metrology::compare_scanners(halves->first, halves->second, o.how.grid), o.scanner);
+    } else {
+      p.without_halves = halves.error().sentence;
+    }
   }
+  return p;
+}
+
+void run(const Options& o) {
+  const model::Scanner s = model::read_scanner(o.scanner);
+  const auto p = judged(s, o);
   if (!o.page.empty()) write_atomically(o.page, reports::uncertainty_page(p));
-  if (!o.json) return print(p);
+  if (!o.json) {
+    print(p);
+    if (!o.next_pose) return;
+    const auto by = needed(metrology::derivatives(s, metrology::samples_of(s, o.how.grid)), o.scanner);
+    const auto next = needed(calib::propose_next_pose(s, by, metrology::heights_of(s, o.how.grid)), o.scanner);
+    for (const auto& pose : next.best) fmt::print("  next: {}\n", calib::words_of(pose, next.worst_now_mm));
+    return;
+  }
   Value out = metrology::to_value(p.map), whiteness = Value::array();
   for (const auto& w : p.whiteness) {
     whiteness.append(Value::object().set("over", w.over).set("q", w.q).set("limit", w.limit).set("white", w.white()));
@@ -70,6 +89,14 @@ void run(const Options& o) {
 
 }  // namespace
 
+void write_uncertainty_page(const model::Scanner& scanner, const std::string& page) {
+  Options o;
+  o.scanner = scanner.name;
+  o.page = page;
+  o.halves = scanner.observations.size() >= 6;
+  write_atomically(page, reports::uncertainty_page(judged(scanner, o)));
+}
+
 void add_uncertainty(CLI::App& app) {
   auto o = std::make_shared<Options>();
   CLI::App* command = app.add_subcommand(
@@ -79,6 +106,8 @@ void add_uncertainty(CLI::App& app) {
   command->add_option("-o,--output", o->page, "HTML page to write: sections of the volume as pictures, and a table");
   command->add_flag("--halves", o->halves,
                     "Cross-validation: calibrate again on each half of the poses and compare over the volume");
+  command->add_flag("--next-pose", o->next_pose,
+                    "Propose where to hold the board next: the poses that lower the worst uncertainty most");
   command
       ->add_option("--u-phase-rad", o->how.u_phase_rad,
                    "Standard uncertainty of a pixel's phase, for the part of the noise")
@@ -87,7 +116,7 @@ void add_uncertainty(CLI::App& app) {
   command->add_option("--z-min", o->how.grid.z_min_mm, "Lowest height, mm (default: the calibration's volume)");
   command->add_option("--z-max", o->how.grid.z_max_mm, "Highest height, mm");
   command->add_flag("--json", o->json, "Print as JSON, with a table of points");
-  command->footer("Example: fringecal uncertainty scanner.json --halves -o uncertainty.html");
+  command->footer("Example: fringecal uncertainty scanner.json --halves --next-pose -o uncertainty.html");
   command->callback([o] { run(*o); });
 }
 

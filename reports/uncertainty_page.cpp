@@ -96,6 +96,9 @@ std::string uncertainty_page(const UncertaintyPage& p) {
   for (const auto& words : metrology::open_words(map)) verdict += element("p", text(words));
   for (const auto& w : p.whiteness) verdict += element("p", text(metrology::words_of(w)));
   if (p.halves) verdict += element("p", text("Halves of the poses: " + metrology::verdict_of(*p.halves)));
+  if (!p.without_halves.empty()) {
+    verdict += element("p", text("Halves of the poses cannot be compared: " + p.without_halves));
+  }
   Markup pictures;
   for (const auto& s : map.sections) pictures += section_figure(s, &PointUncertainty::total_mm, "All");
   for (const auto& [part, what] : {std::pair{&PointUncertainty::camera_mm, "Camera alone"},

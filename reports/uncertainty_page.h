@@ -18,6 +18,7 @@ struct UncertaintyPage {
   std::vector<metrology::Whiteness> whiteness;         // empty: not judged
   std::optional<metrology::ScannerComparison> halves;  // absent: not solved
   std::vector<model::Prior> priors;
+  std::string without_halves = {};  // why the halves could not be solved
 };
 
 std::string uncertainty_page(const UncertaintyPage& page);

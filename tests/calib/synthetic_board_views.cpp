@@ -149,6 +149,21 @@ std::vector<model::BoardObservation> parallel_views(const model::Scanner& scanne
   return observe(scanner, board, placed, errors);
 }
 
+model::BoardObservation view_at(const model::Scanner& scanner, const model::Board& board, const Rigid3& cam_from_board,
+                                const ViewErrors& errors) {
+  const Eigen::Vector3d middle = 0.5 * board.corner_mm(board.columns - 1, board.rows - 1);
+  auto view = observe(scanner, board, {{cam_from_board.rotation, cam_from_board * middle}}, errors).front();
+  view.name = "placed";
+  const auto& axis = *scanner.projector.axis(scanner.projector.main_axis());
+  std::erase_if(view.corners, [&](const model::CornerObservation& c) {
+    const auto& u = scanner.projector.x ? c.x : c.y;
+    return c.pixel.x() < 0 || c.pixel.y() < 0 || c.pixel.x() > scanner.camera.width_px - 1 ||
+           c.pixel.y() > scanner.camera.height_px - 1 || u->value < 0 ||
+           u->value > axis.code.stripe_width() * axis.code.stripes();
+  });
+  return view;
+}
+
 std::vector<calib::PlanarView> planar_views(int boards, int columns, int rows, double pitch_mm, double noise_px) {
   model::Scanner scanner = known_scanner();
   scanner.camera.distortion = {-0.10, 0.06, 0, 0, 0};

@@ -35,6 +35,10 @@ std::vector<model::BoardObservation> views(const model::Scanner& scanner, const 
 std::vector<model::BoardObservation> parallel_views(const model::Scanner& scanner, const model::Board& board, int poses,
                                                     const ViewErrors& errors);
 
+/// One board at a place, cam_from_board of its frame; the corners that camera and fringes both cover.
+model::BoardObservation view_at(const model::Scanner& scanner, const model::Board& board, const Rigid3& cam_from_board,
+                                const ViewErrors& errors);
+
 /// `boards` views of columns x rows corners through a known camera, tilted up to 35 degrees, with noise. Radial only:
 /// p1 = p2 = 0 in the truth.
 std::vector<calib::PlanarView> planar_views(int boards, int columns, int rows, double pitch_mm, double noise_px);
