@@ -37,6 +37,19 @@ CvViews cv_views(std::span<const PlanarView> views) {
   return out;
 }
 
+/// The sum of squares at a library's solution, from its lens and poses: OpenCV's own rms is off by 1e-5 of itself.
+double squares_of(std::span<const PlanarView> views, const model::Camera& camera, const std::vector<Rigid3>& poses) {
+  double sum = 0;
+  for (std::size_t j = 0; j < views.size(); ++j) {
+    for (std::size_t i = 0; i < views[j].pixels.size(); ++i) {
+      const Eigen::Vector2d& place = views[j].board_mm[i];
+      const auto seen = camera.project(poses[j] * Eigen::Vector3d(place.x(), place.y(), 0));
+      sum += seen ? (*seen - views[j].pixels[i]).squaredNorm() : HUGE_VAL;
+    }
+  }
+  return sum;
+}
+
 #if FRINGECAL_HAVE_MRCAL
 /// libmrcal's solver; loaded once, never unloaded.
 decltype(&mrcal_optimize) mrcal_solver() {
@@ -88,10 +101,9 @@ Result<OtherSolution> solve_with_opencv(std::span<const PlanarView> views, int w
   if (terms == DistortionTerms::radial) flags |= cv::CALIB_ZERO_TANGENT_DIST;
   cv::Mat matrix, distortion;
   std::vector<cv::Mat> rotations, translations;
-  double rms = 0;
   try {
-    rms = cv::calibrateCamera(v.object, v.image, {width_px, height_px}, matrix, distortion, rotations, translations,
-                              flags, {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, iterations, 1e-16});
+    cv::calibrateCamera(v.object, v.image, {width_px, height_px}, matrix, distortion, rotations, translations, flags,
+                        {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, iterations, 1e-16});
   } catch (const cv::Exception& e) {
     return unanswerable(fmt::format("OpenCV does not solve these views: {}", e.err));
   }
@@ -104,9 +116,14 @@ Result<OtherSolution> solve_with_opencv(std::span<const PlanarView> views, int w
   c.cx_px = matrix.at<double>(0, 2);
   c.cy_px = matrix.at<double>(1, 2);
   for (int i = 0; i < 5; ++i) c.distortion[static_cast<std::size_t>(i)] = distortion.at<double>(i);
-  std::size_t corners = 0;
-  for (const auto& view : views) corners += view.pixels.size();
-  out.squares_px2 = rms * rms * static_cast<double>(corners);  // its rms is per point
+  std::vector<Rigid3> poses;
+  for (std::size_t j = 0; j < views.size(); ++j) {
+    const double* const r = rotations[j].ptr<double>();
+    const double* const t = translations[j].ptr<double>();
+    poses.push_back({rotation_from_vector({r[0], r[1], r[2]}), {t[0], t[1], t[2]}});
+  }
+  out.squares_px2 = squares_of(views, c, poses);
+  if (!std::isfinite(out.squares_px2)) return unanswerable("OpenCV does not solve these views");
   return out;
 }
 
@@ -131,7 +148,6 @@ Result<OtherSolution> solve_with_mrcal(std::span<const PlanarView> views, int wi
   mrcal_point3_t unseen = {};
   unseen.xyz[2] = -1.0;  // a negative weight: left out
   std::vector<mrcal_point3_t> pool(views.size() * per_board, unseen);
-  std::size_t corners = 0;
   for (std::size_t j = 0; j < views.size(); ++j) {
     cv::Mat r, t;
     cv::solvePnP(v.object[j], v.image[j], start, cv::noArray(), r, t);
@@ -149,7 +165,6 @@ Result<OtherSolution> solve_with_mrcal(std::span<const PlanarView> views, int wi
       point.xyz[0] = views[j].pixels[i].x();
       point.xyz[1] = views[j].pixels[i].y();
       point.xyz[2] = 1.0;
-      ++corners;
     }
   }
   mrcal_lensmodel_t lens = {};
@@ -175,9 +190,12 @@ Result<OtherSolution> solve_with_mrcal(std::span<const PlanarView> views, int wi
   c.cy_px = intrinsics[3];
   const std::size_t count = terms == DistortionTerms::full ? 5 : 4;
   for (std::size_t i = 0; i < count; ++i) c.distortion[i] = intrinsics[4 + i];
-  // Its rms is per coordinate.
+  std::vector<Rigid3> poses;
+  for (const mrcal_pose_t& f : frames) {
+    poses.push_back({rotation_from_vector({f.r.xyz[0], f.r.xyz[1], f.r.xyz[2]}), {f.t.xyz[0], f.t.xyz[1], f.t.xyz[2]}});
+  }
+  out.squares_px2 = squares_of(views, c, poses);
   const double rms = stats.rms_reproj_error__pixels;
-  out.squares_px2 = rms * rms * 2.0 * static_cast<double>(corners);
   if (!(rms >= 0) || !std::isfinite(out.squares_px2) || !(c.fx_px > 0)) {
     return unanswerable("mrcal does not solve these views");
   }

@@ -20,7 +20,7 @@ enum class OtherSolver { mrcal, opencv };
 
 struct OtherSolution {
   model::Camera camera;
-  double squares_px2 = 0;
+  double squares_px2 = 0;  // from its lens and poses, as camera_solve.h, eq. 1
 };
 
 /// terms: radial, radial_tangential or full. `iterations`: OpenCV's limit.
