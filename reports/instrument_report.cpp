@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 
 namespace fringecal::reports {
 namespace {
@@ -215,8 +216,8 @@ InstrumentReport calibration_report(const model::Scanner& scanner, const std::st
                        fact(words("instrument.distance"), text(fixed(scanner.working_distance_mm, 3) + "\u00a0mm")));
   Markup priors;
   for (const auto& prior : scanner.priors) {
-    priors += element(
-        "li", text(fmt::format("{}: {} ± {}. {}", prior.parameter, exact(prior.value), exact(prior.u), prior.reason)));
+    priors += element("li", text(fmt::format("{}: {} ± {}. {}", prior.parameter, exact(prior.value),
+                                             two_digits(prior.u), prior.reason)));
   }
   if (!priors.empty()) model += element("h3", text(words("instrument.priors"))) + element("ul", priors);
   const Markup body = part(words("method.heading"), model) +
@@ -235,7 +236,7 @@ InstrumentReport alignment_report(const Value& record, const std::string& name, 
   const Markup body = part(words("results.heading"), element("p", text(turns.back().sentence)) +
                                                          turns_table(turns, words) + course(turns, words)) +
                       origin(sha256, nullptr, words);
-  out.html = page_of(out.title, name, body, words, language);
+  out.html = page_of(out.title, std::filesystem::path(name).filename().string(), body, words, language);
   return out;
 }
 

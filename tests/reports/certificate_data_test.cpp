@@ -117,7 +117,7 @@ TEST(CertificateFigures, ShowTheCourseOfAQuantityWithItsLimits) {
   EXPECT_THAT(svg, HasSubstr("stroke-dasharray"));  // the limits
   EXPECT_THAT(svg, HasSubstr("2026-03-01"));
   EXPECT_THAT(figures[0].numbers, HasSubstr("2026-05-01"));
-  EXPECT_THAT(svg, HasSubstr("\u22120.04"));
+  EXPECT_THAT(svg, HasSubstr("\u22120.05"));
 }
 
 }  // namespace

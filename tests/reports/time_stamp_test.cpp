@@ -78,7 +78,7 @@ TEST_F(TimeStamp, ThatIsGarbageOrCutOrAlteredIsRefused) {
     altered[at] = static_cast<char>(altered[at] ^ 1);
     const auto verdict = verify_time_stamp(kContent, altered, {authority_.root()});
     refused += verdict.fault.empty() ? 0 : 1;
-    if (verdict.fault.empty()) EXPECT_EQ(verdict.time, intact.time) << "byte " << at;
+    EXPECT_TRUE(!verdict.fault.empty() || verdict.time == intact.time) << "byte " << at;
   }
   EXPECT_GT(refused, static_cast<int>(stamp.size() / 7 / 2));  // most bytes are signature, token and certificate
 }
