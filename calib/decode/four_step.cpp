@@ -269,11 +269,12 @@ template <class Pixel, OrderRule kRule>
 void decode_range_of(const FourStepTask& task, std::size_t first, std::size_t count) {
   const F d;
   const float least = task.min_modulation, shadow = task.shadow_modulation_per_sigma;
+  const int periods = (1 << task.bits) / task.stripes_per_period;
   const Constants k{.read = hn::Set(d, task.read_variance),
                     .gain = hn::Set(d, task.gain),
                     .least_power = hn::Set(d, 4 * least * least),
                     .shadow_power = hn::Set(d, 4 * shadow * shadow),
-                    .periods = static_cast<float>((1 << task.bits) / task.stripes_per_period)};
+                    .periods = static_cast<float>(periods)};
   constexpr std::size_t kMostLanes = HWY_MAX_BYTES / 2;
   const std::size_t step = hn::Lanes(Wide<Pixel>()), whole = count / step * step, rest = count - whole;
   decode_whole<Pixel, kRule>(task, k, first, whole);
