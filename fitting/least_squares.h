@@ -35,8 +35,8 @@ template <int N>
 SymmetricEigen<N> symmetric_eigen(const MatrixN<N>& matrix);
 
 /// The solution of A x = b and the inverse of A, for A symmetric positive definite, after scaling its diagonal to one.
-/// nullopt where the smallest eigenvalue of the scaled A is below 1e-10: where it goes to zero with the step, as for points that
-/// determine a shape by their second order only, a descent creeps on to 1e-14 and calls that a minimum. N = 3 .. 6.
+/// nullopt where the smallest eigenvalue of the scaled A is below 1e-10: where it goes to zero with the step, as for points
+/// that determine a shape by their second order only, a descent creeps on to 1e-14 and calls that a minimum. N = 3 .. 6.
 template <int N>
 struct NormalSolution {
   VectorN<N> x;
@@ -159,8 +159,8 @@ std::optional<NormalSolution<M>> newton_step(const NormalEquations<M>& at, bool 
 }
 
 /// From a start to the last digits. A step is halved until it lowers F; where F no longer resolves the step (its
-/// predicted gain is below 1e-11 F or F's own rounding), until it lowers the length (2) of the step that would follow. It has converged when
-/// that can be had no more, or when a step changes the distances by less than double resolves; where F could still be
+/// predicted gain is below 1e-11 F or F's own rounding), until it lowers the length (2) of the step that would follow. It
+/// has converged when that can be had no more, or when a step changes the distances by less than double resolves; where F could still be
 /// lowered and no step does it, it has not: F has a kink there (a point on the axis or in the centre). A step below
 /// 1e-12 whose successor, at the rate of the last two, is below that is taken without looking again: F and the distances
 /// are then those before it, 1e-12 of the points' size away.
