@@ -56,8 +56,8 @@ Inverse inverse_of(const Eigen::MatrixXd& normal) {
     const Eigen::LDLT<Eigen::MatrixXd> ldlt(scaled);  // pivots: the last one names the open direction
     Index worst = 0;
     ldlt.vectorD().minCoeff(&worst);
-    Eigen::VectorXi order = Eigen::VectorXi::LinSpaced(static_cast<int>(n), 0, static_cast<int>(n) - 1);
-    order = ldlt.transpositionsP() * order;
+    const Eigen::VectorXi plain = Eigen::VectorXi::LinSpaced(static_cast<int>(n), 0, static_cast<int>(n) - 1);
+    const Eigen::VectorXi order = ldlt.transpositionsP() * plain;
     return {{}, order[worst]};
   }
   Eigen::MatrixXd inverse = llt.solve(Eigen::MatrixXd::Identity(n, n));

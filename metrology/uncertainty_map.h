@@ -30,8 +30,8 @@ struct MapOptions {
 };
 
 struct PointUncertainty {
-  Eigen::Vector3d point_mm, u_mm;                       // of eq. 1, phase noise included
-  double camera_mm = 0, projector_mm = 0, pose_mm = 0;  // root of the trace of each part
+  Eigen::Vector3d point_mm = Eigen::Vector3d::Zero(), u_mm = Eigen::Vector3d::Zero();  // of eq. 1, phase noise included
+  double camera_mm = 0, projector_mm = 0, pose_mm = 0;                                 // root of the trace of each part
   double calibration_mm = 0, phase_mm = 0, total_mm = 0;
 };
 

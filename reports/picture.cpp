@@ -207,8 +207,8 @@ Markup heat_map(const Image<float>& values, const HeatMapOptions& options) {
       "preserveAspectRatio=\"none\" style=\"image-rendering:pixelated\" href=\"{8}\"/></svg>",
       options.width_px, height, Layout::kLeft, Layout::kTop, at.width, at.height, drawn_width, drawn_height,
       png_uri(encode_png(colourise(small, *range, options.map))));
-  svg += fmt::format("<rect class=\"frame\" fill=\"none\" x=\"{}\" y=\"{}\" width=\"{:.2f}\" height=\"{:.2f}\"/>", Layout::kLeft,
-                     Layout::kTop, at.width, at.height);
+  svg += fmt::format("<rect class=\"frame\" fill=\"none\" x=\"{}\" y=\"{}\" width=\"{:.2f}\" height=\"{:.2f}\"/>",
+                     Layout::kLeft, Layout::kTop, at.width, at.height);
   svg += axis_numbers(box, options, at) + colour_bar(options, *range, at) + "</svg>";
   return Markup::trusted(svg);
 }
