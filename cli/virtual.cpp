@@ -142,7 +142,11 @@ void add_virtual(CLI::App& app) {
       ->capture_default_str();
   command->add_flag("--rtu", o->rtu, "Serve the PLC as a Modbus RTU slave on a pseudo-terminal, too");
   command->add_flag("--mewtocol", o->mewtocol, "Serve the PLC as a MEWTOCOL-COM station on a pseudo-terminal, too");
-  command->add_option("--motion", o->motion_ms, "Time of the stage from one pattern to the next, ms")
+  command
+      ->add_option(
+          "--motion", o->motion_ms,
+          "Time of the stage from one pattern to the next, ms; the PLC ends a way of more than 5 s with a fault, so at "
+          "most some 400 for 11 patterns")
       ->check(CLI::Range(0, 10000))
       ->capture_default_str();
   command->add_option("--watchdog", o->watchdog_ms, "The PLC's watchdog, ms")
@@ -151,7 +155,10 @@ void add_virtual(CLI::App& app) {
   command->add_option("--scene", o->scene, "What stands before the scanner at first, such as \"plane 0\"")
       ->capture_default_str();
   command->add_option("--stack-seed", o->stack_seed, "Seed of the noise at first")->capture_default_str();
-  command->add_option("--packet-loss", o->packet_loss, "Share of the camera's packets that is dropped")
+  command
+      ->add_option("--packet-loss", o->packet_loss,
+                   "Share of the camera's packets that is dropped, and never resent: at 0.002 a third of the frames is "
+                   "incomplete")
       ->check(CLI::Range(0.0, 0.99))
       ->capture_default_str();
   command->add_option("--scanner-file", o->scanner_file, "Write a scanner.toml with the addresses and the plan here");
