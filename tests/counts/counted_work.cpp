@@ -4,7 +4,7 @@
 #include "calib/decode/decode.h"
 #include "fitting/fit.h"
 #include "metrology/reconstruct.h"
-#include "tests/calib/other_libraries.h"
+#include "tests/calib/synthetic_board_views.h"
 #include "tests/calib/synthetic_fringes.h"
 #include "tests/metrology/exact_phase_map.h"
 
