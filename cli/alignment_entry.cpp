@@ -10,7 +10,13 @@ metrology::InstrumentRecord record_of(const AlignmentEntry& entry, std::span<con
                                       const std::string& file) {
   metrology::InstrumentRecord out{
       .event = "alignment", .scanner = entry.scanner, .ended = entry.ended, .provenance = provenance_now()};
-  bool ended = false;
+  const auto decision_of = [&](const Value& iteration) {
+    Fields fields(iteration, file);
+    return fields.table("step").text("decision");
+  };
+  const std::string decision = decision_of(iterations.back());
+  const bool ended = decision != "turn";
+  out.outcome = fmt::format("{} after {} turns", ended ? decision : "to be turned", iterations.size() - 1);
   const auto add = [&](const Value& iteration, const char* position) {
     Fields fields(iteration, file);
     Fields measured = fields.table("measured"), step = fields.table("step");
@@ -20,9 +26,6 @@ metrology::InstrumentRecord record_of(const AlignmentEntry& entry, std::span<con
     out.quantities.push_back({"delta", fmt::format("jump of bit {} against the phase", step.integer("bit")), position,
                               "um", step.number("delta_um"), step.number("u_delta_um"),
                               metrology::Limits{-tolerance_um, tolerance_um}});
-    ended = step.text("decision") != "turn";
-    out.outcome =
-        fmt::format("{} after {} turns", ended ? step.text("decision") : "to be turned", iterations.size() - 1);
   };
   add(iterations.front(), "as found");
   if (iterations.size() > 1 || ended) add(iterations.back(), ended ? "as left" : "on the way");
