@@ -4,6 +4,7 @@
 #include "core/file.h"
 #include "core/provenance.h"
 #include "metrology/history_series.h"
+#include "metrology/instrument_record.h"
 #include "metrology/plan.h"
 
 #include <fmt/chrono.h>
@@ -329,7 +330,10 @@ fs::path Workbench::certificate_file(const std::string& folder, const std::strin
 
 Value Workbench::history_chart(const std::string& symbol, const std::string& artefact) const {
   const metrology::History file(history(), metrology::History::Access::read);
-  const auto series = metrology::series_of(file, {symbol, artefact, std::nullopt});
+  // Of the instrument itself the page shows how it was left; what was found stands in the entries.
+  metrology::HistorySeries series;
+  if (artefact == metrology::kScannerItself) series = metrology::series_of(file, {symbol, artefact, "as left"});
+  if (series.values.empty()) series = metrology::series_of(file, {symbol, artefact, std::nullopt});
   Value points = Value::array();
   const auto chart = metrology::control_chart(series.values);
   for (std::size_t i = 0; i < series.values.size(); ++i) {

@@ -43,8 +43,9 @@ export function decimals(u) {
   return u > 0 ? Math.min(9, Math.max(0, 1 - Math.floor(Math.log10(u)))) : 4;
 }
 
-/// "+0.0059 ± 0.0010"
+/// "+0.0059 ± 0.0010"; without an uncertainty three digits: "+2.13e-7"
 export function plusMinus(value, U) {
+  if (!(U > 0)) return (value >= 0 ? '+' : '−') + Math.abs(value).toPrecision(3);
   const digits = decimals(U);
   return `${signed(value, digits)} ± ${number(U, digits)}`;
 }
