@@ -320,8 +320,8 @@ Value Workbench::certificates() const {
 }
 
 fs::path Workbench::certificate_file(const std::string& folder, const std::string& file) const {
-  const Value all = certificates();
-  for (const Value& one : *at(all, {"certificates"}).if_array()) {
+  const Value all = at(certificates(), {"certificates"});
+  for (const Value& one : *all.if_array()) {
     if (*at(one, {"folder"}).if_text() == folder && *at(one, {"file"}).if_text() == file)
       return folder_ / folder / file;
   }

@@ -27,6 +27,7 @@ namespace {
 namespace fs = std::filesystem;
 using test::run_fringecal;
 using testing::HasSubstr;
+using testing::Not;
 
 const fs::path kSchemas = fs::path(FRINGECAL_SHARED_DATA) / "dcc-schema";
 
@@ -229,6 +230,34 @@ TEST_F(Certify, IsTimeStampedByAnAuthorityOrNotIssued) {
               HasSubstr("who was not judged"));
   fs::rename(path("stamped/certificate.pdf.tsr"), path("stamped/certificate.xml.tsr"));
   EXPECT_THAT(check(authority.root()).errors, HasSubstr("XML: the time stamp does not hold"));
+}
+
+// PTB's Schematron rules by an evaluator of XPath 2 that is not ours; each altered certificate violates one of them.
+TEST_F(Certify, FollowsTheSchematronRules) {
+  const fs::path rules = kSchemas / "dcc.sch";
+  if (!fs::exists(rules)) GTEST_SKIP() << "shared data not present: " << rules;
+  const std::string python = "/usr/bin/python3";  // Debian's own, which sees Debian's packages
+  if (!fs::exists(python) || test::run({python, "-c", "import elementpath, lxml"}).status != 0) {
+    GTEST_SKIP() << "python3-elementpath or python3-lxml is not installed";
+  }
+  const auto judged = [&](const std::string& file) {
+    return test::run({python, FRINGECAL_SOURCE_DIR "/tests/reports/schematron.py", rules.string(), file});
+  };
+  ASSERT_EQ(run_fringecal(certify({path("verification.json")}, "german", {"--language", "de"})).exit_code, 0);
+  for (const char* name : {"certificate/certificate.xml", "german/certificate.xml"}) {
+    const auto outcome = judged(path(name));
+    EXPECT_EQ(outcome.status, 0) << outcome.output << outcome.errors;
+    EXPECT_THAT(outcome.output, Not(HasSubstr("warning"))) << outcome.output;
+  }
+  const std::string xml = bytes("certificate/certificate.xml");
+  for (const auto& [from, to] : {std::pair("<dcc:release>[^<]*", "<dcc:release>?"),
+                                 std::pair("<dcc:endPerformanceDate>[^<]*", "<dcc:endPerformanceDate>1999-01-01"),
+                                 std::pair("dcc:usedMethods", "dcc:others")}) {
+    write_atomically(path("ruled.xml"), std::regex_replace(xml, std::regex(from), to));
+    const auto outcome = judged(path("ruled.xml"));
+    EXPECT_EQ(outcome.status, 1) << to;
+    EXPECT_THAT(outcome.output, HasSubstr("error: ")) << to << outcome.errors;
+  }
 }
 
 TEST_F(Certify, NeedsNoNetwork) {
