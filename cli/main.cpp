@@ -37,6 +37,7 @@ void be_careful(int argc, char** argv) {
         "Run it as the operator, who needs access to the camera's network and to the PLC's line only (or set "
         "FRINGECAL_ROOT_IS_MEANT).\n",
         stderr);
+    ::setenv("FRINGECAL_ROOT_IS_MEANT", "1", 1);  // said once: the programs started from here need not say it again
   }
 }
 
