@@ -101,8 +101,13 @@ CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& c
     refuse_other_choices(file, choices_);
     return;
   }
+  fs::create_directories(folder_, error);
+  if (error) {
+    throw EnvironmentError(
+        fmt::format("{}: cannot be written ({}); give another --output", folder_.string(), error.message()));
+  }
+  lock();  // before the choices are written, lest a second program's overwrite those of the first
   write_atomically(file, to_json(to_value(choices_)));
-  lock();
 }
 
 CommissionSession::~CommissionSession() {
