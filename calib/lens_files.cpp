@@ -17,6 +17,7 @@ namespace fringecal::calib {
 namespace {
 
 constexpr double kMmPerM = 1000.0;
+constexpr double kMostPixels = 1e6;  // of an image side, far beyond any sensor
 
 [[noreturn]] void refuse(const std::filesystem::path& file, const std::string& sentence) {
   throw InputError(fmt::format("{}: {}", file.string(), sentence));
@@ -135,6 +136,9 @@ PlacedCamera from_cameramodel(const std::filesystem::path& file, const std::stri
   p.camera.cx_px = (*intrinsics)[2];
   p.camera.cy_px = (*intrinsics)[3];
   std::copy(intrinsics->begin() + 4, intrinsics->end(), p.camera.distortion.begin());
+  for (const double side : *size) {
+    if (!(side >= 1 && side <= kMostPixels)) refuse(file, fmt::format("'imagersize' holds {}, no image's side", side));
+  }
   p.camera.width_px = static_cast<int>((*size)[0]);
   p.camera.height_px = static_cast<int>((*size)[1]);
   const auto& e = *extrinsics;
@@ -148,7 +152,9 @@ PlacedCamera from_opencv(const std::filesystem::path& file, const std::string& b
     const auto matrix_of = [&](const char* key) {
       cv::Mat m;
       storage[key] >> m;
-      if (!m.empty()) m.convertTo(m, CV_64F);
+      if (m.empty()) return m;
+      if (m.channels() != 1 || m.dims != 2) refuse(file, fmt::format("'{}' must be a matrix of single numbers", key));
+      m.convertTo(m, CV_64F);
       return m;
     };
     const cv::Mat matrix = matrix_of("camera_matrix");
@@ -175,7 +181,7 @@ PlacedCamera from_opencv(const std::filesystem::path& file, const std::string& b
     const cv::Mat r = matrix_of("R"), t = matrix_of("T");
     if (r.empty() != t.empty()) refuse(file, "'R' and 'T' come together");
     if (!r.empty()) {
-      if (r.total() != 9 || t.total() != 3) refuse(file, "'R' must be 3 x 3 and 'T' three numbers");
+      if (r.rows != 3 || r.cols != 3 || t.total() != 3) refuse(file, "'R' must be 3 x 3 and 'T' three numbers");
       Eigen::Matrix3d rotation;
       for (int i = 0; i < 3; ++i) {
         p.cam_from_reference.translation_mm[i] = t.reshape(1, 1).at<double>(i);
@@ -188,7 +194,9 @@ PlacedCamera from_opencv(const std::filesystem::path& file, const std::string& b
       p.cam_from_reference.rotation = Eigen::Quaterniond(rotation).normalized();
     }
     return p;
-  } catch (const cv::Exception&) {
+  } catch (const InputError&) {
+    throw;
+  } catch (const std::exception&) {  // OpenCV's parser also lets errors of the standard library through
     refuse(file, "neither a .cameramodel of mrcal nor a YAML file of OpenCV");
   }
 }

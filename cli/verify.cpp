@@ -238,9 +238,11 @@ void verify(const Options& o) {
   }
   if (!missing.empty()) {
     throw InputError(fmt::format(
-        "{}: {} of the {} captures that the plan {} asks for are missing: {}; the others are "
-        "evaluated and kept in {}, run the same command again when these are there",
-        source.captures.string(), missing.size(), captures, plan.name, fmt::join(missing, ", "), folder.string()));
+        "{}: the plan {} asks for {}, of which {} missing: {}; what was evaluated is kept in {}, run the same "
+        "command again when the rest is there",
+        source.captures.string(), plan.name, captures == 1 ? "1 capture" : fmt::format("{} captures", captures),
+        missing.size() == 1 ? "1 is" : fmt::format("{} are", missing.size()), fmt::join(missing, ", "),
+        folder.string()));
   }
   std::vector<std::string> listed;
   for (std::size_t s = 0; s < plan.series.size(); ++s) {

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <cmath>
+#include <map>
 
 namespace fringecal::metrology {
 namespace {
@@ -57,6 +58,25 @@ std::string verdict_of(const ScannerComparison& c) {
   return fmt::format("{}: they differ by {:.4f} mm rms ({:.4f} mm at most), their uncertainties allow {:.4f} mm rms",
                      c.ratio > 2.0 ? "the calibrations disagree" : "the calibrations agree", c.rms_mm, c.max_mm,
                      c.allowed_rms_mm);
+}
+
+std::vector<ComparedHeight> by_height(const ScannerComparison& c) {
+  std::map<long, ComparedHeight> heights;  // by the height in um: points of one height differ by rounding only
+  for (const auto& p : c.points) {
+    auto& h = heights[std::lround(1e3 * p.point_mm.z())];
+    if (h.points == 0 || p.difference_mm.norm() > h.worst.difference_mm.norm()) h.worst = p;
+    h.rms_mm += p.difference_mm.squaredNorm();
+    h.allowed_rms_mm += p.u_mm.squaredNorm();
+    ++h.points;
+  }
+  std::vector<ComparedHeight> out;
+  for (auto& [um, h] : heights) {
+    h.z_mm = h.worst.point_mm.z();
+    h.rms_mm = std::sqrt(h.rms_mm / h.points);
+    h.allowed_rms_mm = std::sqrt(h.allowed_rms_mm / h.points);
+    out.push_back(h);
+  }
+  return out;
 }
 
 Value to_value(const ScannerComparison& c) {

@@ -34,9 +34,20 @@ struct ScannerComparison {
   double ratio = 0;               // rms_mm / allowed_rms_mm
 };
 
+/// The points of one height of A's world, mm.
+struct ComparedHeight {
+  double z_mm = 0;
+  int points = 0;
+  double rms_mm = 0, allowed_rms_mm = 0;  // as in ScannerComparison, of these points
+  ComparedPoint worst;                    // the largest |d|
+};
+
 /// No result: different codes or image sizes, no covariance, fewer than 20 points that both see.
 Result<ScannerComparison> compare_scanners(const model::Scanner& a, const model::Scanner& b,
                                            const CompareOptions& options = {});
+
+/// Lowest height first.
+std::vector<ComparedHeight> by_height(const ScannerComparison& comparison);
 
 /// One sentence: whether the two agree within their uncertainties. More than twice what eq. 2 expects is called a
 /// disagreement: u's of some ten independent ways to differ leave the ratio below 1.4 in 95 % of cases.

@@ -31,7 +31,7 @@ const char* name_of(Signal signal) {
 Result<ControlChart> control_chart(const std::vector<ChartValue>& values, int n_baseline) {
   require(n_baseline >= 5, "a baseline has at least 5 values");
   if (values.size() < 5) {
-    return unanswerable(fmt::format("{} values are too few for a control chart; it needs 5", values.size()));
+    return unanswerable(fmt::format("a control chart needs at least 5 values, not {}", values.size()));
   }
   ControlChart out;
   out.n_baseline = std::min(n_baseline, static_cast<int>(values.size()));
@@ -68,7 +68,7 @@ Result<Forecast> forecast(const std::vector<ChartValue>& values, const Limits& l
                           double coverage) {
   const auto n = static_cast<double>(values.size());
   if (values.size() < 4) {
-    return unanswerable(fmt::format("{} values are too few for a forecast; it needs 4", values.size()));
+    return unanswerable(fmt::format("a forecast needs at least 4 values, not {}", values.size()));
   }
   double mean_t = 0, mean_x = 0;
   for (const auto& v : values) {

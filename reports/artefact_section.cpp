@@ -20,8 +20,9 @@ std::string um_exact(double mm) { return without_end_zeros(um(mm)); }
 
 Markup none() { return element("span", {{"class", "of"}}, text("–")); }
 
-/// Ours as a share of the paper's figure: the tick stands at the paper's figure, the end of the track at 1.25 of it.
-Markup bar(double ours, double limit) {
+/// Ours as a share of the paper's figure: the tick stands at the paper's figure, the end of the track at 1.25 of it. The
+/// paper's figure is no limit: only what is judged not met is drawn in the colour of it.
+Markup bar(double ours, double limit, Verdict verdict) {
   constexpr double kWidth = 72, kEnd = 1.25;
   const double share = limit > 0 ? std::abs(ours) / limit : kEnd;
   return Markup::trusted(
@@ -29,7 +30,8 @@ Markup bar(double ours, double limit) {
                   "width=\"72\" height=\"3\"/>"
                   "<rect class=\"{}\" y=\"1.5\" width=\"{:.1f}\" height=\"4\"/><rect class=\"limit\" x=\"{:.1f}\" "
                   "width=\"1.4\" height=\"7\"/></svg>",
-                  share > 1.0 ? "over" : "fill", kWidth * std::min(share / kEnd, 1.0), kWidth / kEnd - 0.7));
+                  share > 1.0 && verdict == Verdict::not_met ? "over" : "fill", kWidth * std::min(share / kEnd, 1.0),
+                  kWidth / kEnd - 0.7));
 }
 
 /// The error rounded by its uncertainty, both in um.
@@ -72,8 +74,8 @@ std::vector<Markup> comparison_row(const ArtefactSection& a) {
   const ModelResult& ours = a.models.front();
   const ErrorWords words = error_words(ours);
   Markup error = or_none(words.error), form = text(um(ours.max_form_sd_mm));
-  if (ours.error_mm && a.paper.error_limit_mm) error += bar(*ours.error_mm, *a.paper.error_limit_mm);
-  if (a.paper.form_sd_mm) form += bar(ours.max_form_sd_mm, *a.paper.form_sd_mm);
+  if (ours.error_mm && a.paper.error_limit_mm) error += bar(*ours.error_mm, *a.paper.error_limit_mm, a.verdict);
+  if (a.paper.form_sd_mm) form += bar(ours.max_form_sd_mm, *a.paper.form_sd_mm, a.verdict);
   return {name,       certificate,    or_none(mean_words(ours)), error, or_none(words.u), form, paper_error,
           paper_form, mark(a.verdict)};
 }

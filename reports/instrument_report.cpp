@@ -101,14 +101,22 @@ Markup coverage(const model::Scanner& scanner, const Catalogue& words) {
   return n == 0 ? Markup() : figure("wide", Markup::trusted(out + svg::kEnd), words("instrument.coverage"));
 }
 
+/// More input files than these are not listed: the record holds their hashes, and its own stands in the report.
+constexpr std::size_t kMostInputs = 12;
+
 Markup origin(const std::string& sha256, const Provenance* provenance, const Catalogue& words) {
   Markup out = element("p", {{"class", "hash"}}, text("SHA-256 " + sha256));
   if (provenance != nullptr) {
     out += element("p", {{"class", "hash"}},
                    text(words("method.software", {{"program", provenance->program}, {"version", provenance->version}}) +
                         " " + provenance->date));
-    for (const auto& [name, hash] : provenance->inputs) {
-      out += element("p", {{"class", "hash"}}, text(name + " " + hash));
+    if (provenance->inputs.size() > kMostInputs) {
+      out += element("p", {{"class", "hash"}},
+                     text(words("instrument.inputs", {{"n", std::to_string(provenance->inputs.size())}})));
+    } else {
+      for (const auto& [name, hash] : provenance->inputs) {
+        out += element("p", {{"class", "hash"}}, text(name + " " + hash));
+      }
     }
   }
   return part(words("remarks.origin"), out);
@@ -162,32 +170,46 @@ Markup turns_table(const std::vector<Turn>& turns, const Catalogue& words) {
                rows);
 }
 
-/// One quantity over the iterations, with its tolerance where it has one.
+/// One quantity over the iterations, with its tolerance where it has one: then the picture is at least half tolerance,
+/// and a value beyond it is an arrow with its figure.
 std::string panel(double left, const char* title, const std::vector<double>& values, const std::vector<double>& U,
                   double tolerance) {
-  constexpr double kWidth = 300, kHeight = 170, kTop = 22, kLeft = 46, kFoot = 20;
+  constexpr double kWidth = 300, kHeight = 170, kTop = 22, kLeft = 46, kFoot = 20, kMargin = 1.1;
   double most = tolerance;
   for (std::size_t k = 0; k < values.size(); ++k) most = std::max(most, std::abs(values[k]) + U[k]);
-  most = most > 0 ? 1.1 * most : 1;
-  const auto y_of = [&](double v) { return kTop + (kHeight - kTop - kFoot) * (0.5 - 0.5 * v / most); };
+  if (tolerance > 0) most = std::min(most, 2 * tolerance);
+  const double end = most > 0 ? kMargin * most : 1;
+  const auto y_of = [&](double v) {
+    return kTop + (kHeight - kTop - kFoot) * (0.5 - 0.5 * std::clamp(v / end, -1.0, 1.0));
+  };
   const auto x_of = [&](std::size_t k) {
     return left + kLeft + (kWidth - kLeft) * (static_cast<double>(k) + 0.5) / static_cast<double>(values.size());
   };
   std::string out = svg::words(left + kLeft, 13, "start", title, 9.5);
   const double x0 = left + kLeft, x1 = left + kWidth;
   if (tolerance > 0) {
-    out += svg::box(x0, y_of(most), x1 - x0, y_of(tolerance) - y_of(most), svg::kBeyond) +
-           svg::box(x0, y_of(-tolerance), x1 - x0, y_of(-most) - y_of(-tolerance), svg::kBeyond);
+    out += svg::box(x0, y_of(end), x1 - x0, y_of(tolerance) - y_of(end), svg::kBeyond) +
+           svg::box(x0, y_of(-tolerance), x1 - x0, y_of(-end) - y_of(-tolerance), svg::kBeyond);
   }
   out += svg::line(x0, y_of(0), x1, y_of(0), svg::kInk, 0.8) +
          svg::box(x0, kTop, x1 - x0, kHeight - kTop - kFoot, "none", svg::kQuiet, 0.7);
-  for (const double sign : {-1.0, 0.0, 1.0}) {
-    out += svg::words(x0 - 5, y_of(sign * most / 1.1) + 3.2, "end", shown(significant(sign * most / 1.1, 2)), 8.5);
+  const double tick = tolerance > 0 ? tolerance : most;
+  for (const double value : {-tick, 0.0, tick}) {
+    out += svg::words(x0 - 5, y_of(value) + 3.2, "end", shown(significant(value, 2)), 8.5);
   }
   for (std::size_t k = 0; k < values.size(); ++k) {
-    out += svg::line(x_of(k), y_of(values[k] - U[k]), x_of(k), y_of(values[k] + U[k]), svg::kBlue, 1.4) +
-           svg::mark(k == 0 ? svg::Mark::circle : svg::Mark::disc, x_of(k), y_of(values[k])) +
-           svg::words(x_of(k), kHeight - 6, "middle", std::to_string(k), 8.5);
+    const double x = x_of(k), v = values[k];
+    if (std::abs(v) > end) {
+      const double y = y_of(v), inward = v > 0 ? 1 : -1;
+      out += svg::line(x, y + 14 * inward, x, y + 2 * inward, svg::kBlue, 1.4) +
+             svg::line(x - 4, y + 7 * inward, x, y + 2 * inward, svg::kBlue, 1.4) +
+             svg::line(x + 4, y + 7 * inward, x, y + 2 * inward, svg::kBlue, 1.4) +
+             svg::words(x + 8, y + (v > 0 ? 12 : -5), "start", shown(significant(v, 3)), 8.5);
+    } else {
+      out += svg::line(x, y_of(v - U[k]), x, y_of(v + U[k]), svg::kBlue, 1.4) +
+             svg::mark(k == 0 ? svg::Mark::circle : svg::Mark::disc, x, y_of(v));
+    }
+    out += svg::words(x, kHeight - 6, "middle", std::to_string(k), 8.5);
   }
   return out;
 }

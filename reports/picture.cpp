@@ -76,7 +76,7 @@ std::string colour_bar_png(ColourMap map) {
 
 /// Where things stand on the drawing.
 struct Layout {
-  static constexpr double kLeft = 40, kTop = 10, kBottom = 22, kGap = 14, kBar = 12, kRight = 62;
+  static constexpr double kLeft = 40, kTop = 10, kBottom = 22, kGap = 14, kBar = 12, kRight = 70;
   double scale = 1;              // drawing px per image px
   double width = 0, height = 0;  // of the picture
 };

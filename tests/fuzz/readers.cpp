@@ -1,5 +1,6 @@
 #include "tests/fuzz/readers.h"
 
+#include "calib/lens_files.h"
 #include "core/capture.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -116,6 +117,12 @@ std::vector<Reader> readers(const Path& folder) {
   model::write_scanner(folder / "scanner.json", sample_scanner());
   out.push_back(of_file(folder / "scanner.json", {read_bytes(folder / "scanner.json")},
                         [](const Path& file) { model::read_scanner(file); }));
+  const model::Scanner sample = sample_scanner();
+  const calib::PlacedCamera placed{sample.camera, sample.proj_from_cam};
+  out.push_back(of_file(folder / "camera.cameramodel", {calib::lens_file(placed, calib::LensFormat::mrcal, "by hand")},
+                        [](const Path& file) { calib::read_lens_file(file); }));
+  out.push_back(of_file(folder / "camera.yml", {calib::lens_file(placed, calib::LensFormat::opencv, "by hand")},
+                        [](const Path& file) { calib::read_lens_file(file); }));
   hw::ScannerFile devices;
   devices.camera.address = "192.168.7.2";
   devices.plc_address = "modbus-tcp://192.168.7.3:502";

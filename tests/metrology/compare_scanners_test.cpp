@@ -55,6 +55,25 @@ TEST(CompareScanners, CallsADriftOfTenUncertaintiesADisagreement) {
   EXPECT_THAT(verdict_of(*drifted), ::testing::HasSubstr("disagree"));
 }
 
+TEST(CompareScanners, TellsTheWorstPointOfEachHeight) {
+  const auto a = scanner();
+  const auto drifted = compare_scanners(a, a.changed_by(Eigen::Vector3d(0, 0.3, 0)));
+  ASSERT_TRUE(drifted) << drifted.error().sentence;
+  const auto heights = by_height(*drifted);
+  ASSERT_EQ(heights.size(), 5u);  // of the grid
+  int points = 0;
+  double squares = 0, worst = 0;
+  for (std::size_t i = 0; i < heights.size(); ++i) {
+    if (i > 0) EXPECT_GT(heights[i].z_mm, heights[i - 1].z_mm);
+    points += heights[i].points;
+    squares += heights[i].points * heights[i].rms_mm * heights[i].rms_mm;
+    worst = std::max(worst, heights[i].worst.difference_mm.norm());
+  }
+  EXPECT_EQ(points, static_cast<int>(drifted->points.size()));
+  EXPECT_DOUBLE_EQ(std::sqrt(squares / points), drifted->rms_mm);
+  EXPECT_DOUBLE_EQ(worst, drifted->max_mm);
+}
+
 TEST(CompareScanners, RefusesScannersOfDifferentImageSizes) {
   auto other = scanner();
   other.camera.width_px += 1;

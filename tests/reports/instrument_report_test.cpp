@@ -44,6 +44,9 @@ TEST(AlignmentReport, StatesEveryIterationWithItsUncertainty) {
   EXPECT_THAT(report.html, HasSubstr("85.66 ± 0.92"));
   EXPECT_THAT(report.html, HasSubstr("turn &lt;it&gt;"));
   EXPECT_THAT(report.html, HasSubstr("<svg class=\"turns\""));
+  // The tolerance stays visible beside a first value 36 times as large, which is told in figures.
+  EXPECT_THAT(report.html, HasSubstr(">2.4</text>"));
+  EXPECT_THAT(report.html, HasSubstr(">85.7</text>"));
   EXPECT_THAT(alignment_report(two, "record.json", "", "de").html, HasSubstr("Justierbericht"));
 }
 
@@ -73,6 +76,16 @@ TEST(CalibrationReport, StatesParametersWithUncertaintyAndLoadsNothing) {
   for (const char* loader : {"<img", "<link", "<script", "url(", "@import", "src=\""}) {
     EXPECT_THAT(report.html, Not(HasSubstr(loader)));
   }
+}
+
+TEST(CalibrationReport, ListsFewInputFilesAndCountsMany) {
+  model::Scanner scanner;
+  scanner.provenance.inputs = {{"pose-00/gray_0.png", "4f2a"}};
+  EXPECT_THAT(calibration_report(scanner, "", "en").html, HasSubstr("pose-00/gray_0.png 4f2a"));
+  for (int k = 1; k < 165; ++k) scanner.provenance.inputs.emplace_back("pose-" + std::to_string(k), "4f2a");
+  const auto many = calibration_report(scanner, "", "en").html;
+  EXPECT_THAT(many, HasSubstr("165 input files"));
+  EXPECT_THAT(many, Not(HasSubstr("pose-00")));
 }
 
 }  // namespace
