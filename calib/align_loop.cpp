@@ -49,14 +49,14 @@ Adjuster learn(std::span<const AlignmentReading> history, const AlignmentLoopOpt
           .last_turn_rad = last};
 }
 
-std::string words_for(double turn_rad, const AlignmentLoopOptions& options) {
+}  // namespace
+
+std::string turn_words(double turn_rad, const AlignmentLoopOptions& options) {
   const char* direction = turn_rad > 0 ? "clockwise" : "anticlockwise";
   if (!options.rad_per_division) return fmt::format("turn the adjuster {:+.3f} mrad ({})", 1e3 * turn_rad, direction);
   return fmt::format("turn the adjuster {:+.3f} mrad = {:.1f} divisions {}", 1e3 * turn_rad,
                      std::abs(turn_rad / *options.rad_per_division), direction);
 }
-
-}  // namespace
 
 const char* name_of(AlignmentDecision decision) {
   switch (decision) {
@@ -125,7 +125,7 @@ AlignmentStep next_step(std::span<const AlignmentReading> history, const Misalig
   if (turn * adjuster.last_turn_rad < 0) turn += std::copysign(adjuster.backlash_rad.value / std::abs(g), turn);
   step.decision = AlignmentDecision::turn;
   step.turn_rad = turn;
-  step.sentence = fmt::format("{}: {}", words_for(turn, options), state);
+  step.sentence = fmt::format("{}: {}", turn_words(turn, options), state);
   return step;
 }
 

@@ -65,6 +65,9 @@ struct SettingReading {
   AlignmentStep step;
 };
 
+/// What to do with the adjuster: "turn the adjuster -0.713 mrad (anticlockwise)", in divisions where they are known.
+std::string turn_words(double turn_rad, const AlignmentLoopOptions& options);
+
 struct SettingOptions {
   double turn_before_rad = 0;
   GratingLayout layout;

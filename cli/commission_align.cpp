@@ -1,4 +1,4 @@
-// Step 1 of a commissioning: the paper's loop (b) to (e) on a motorised adjuster.
+// Step 1 of a commissioning: the paper's loop (b) to (e) .
 #include "calib/align_map.h"
 #include "calib/align_record.h"
 #include "cli/commission_steps.h"
@@ -31,7 +31,10 @@ Iteration iteration_from(const Value& value, const std::string& file) {
 }  // namespace
 
 void align_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
-  const calib::GratingLayout layout{.pattern_pitch_mm = instrument.sheet().pattern_pitch_mm()};
+  const InstrumentSheet& sheet = instrument.sheet();
+  calib::AlignmentLoopOptions loop;
+  if (sheet.mrad_per_division) loop.rad_per_division = 1e-3 * *sheet.mrad_per_division;
+  const calib::GratingLayout layout{.pattern_pitch_mm = sheet.pattern_pitch_mm};
   calib::AlignmentHistory history;
   double duration_s = 0, turn_before_mrad = 0;
   if (session.has(kRecord)) {
@@ -45,16 +48,18 @@ void align_step(const CommissionSession& session, CommissionScanner& instrument,
       const std::string name = fmt::format("alignment/iteration-{}", i);
       progress.start(fmt::format("aligning the grating, capture {}", i + 1));
       Capture first;
+      std::string latest_name;
       const auto take = [&](int k) {
-        Capture capture = instrument.capture(k == 0 ? name : fmt::format("{}-more-{}", name, k), "alignment");
+        latest_name = k == 0 ? name : fmt::format("{}-more-{}", name, k);
+        Capture capture = instrument.capture(latest_name, "alignment");
         auto one = calib::measure_misalignment(capture, layout);
         if (k == 0) first = std::move(capture);
         return one;
       };
       const auto reading = calib::read_setting(
           take, history.readings,
-          {.turn_before_rad = 1e-3 * turn_before_mrad, .layout = layout, .code = *instrument.sheet().plan().x});
-      if (!reading) throw InputError(fmt::format("{}: {}", session.path(name).string(), reading.error().sentence));
+          {.turn_before_rad = 1e-3 * turn_before_mrad, .layout = layout, .code = *sheet.plan.x, .loop = loop});
+      if (!reading) session.refuse_capture(latest_name, reading.error().sentence);
       write_atomically(session.path(name + "-delta.tiff"),
                        encode_tiff(calib::delta_map_um(first, reading->measured, CodeAxis::x)));
       const calib::AlignmentIteration latest{.capture = name,
@@ -76,7 +81,8 @@ void align_step(const CommissionSession& session, CommissionScanner& instrument,
       return;
     }
     progress.finish_step(fmt::format("theta = {:+.4f} mrad: {}", iteration.theta_mrad, iteration.sentence));
-    instrument.turn_adjuster(iteration.turn_mrad);
+    const bool seen = i + 1 < history.iterations.size();
+    instrument.turn_adjuster(iteration.turn_mrad, seen ? Turned::before : known ? Turned::perhaps : Turned::not_yet);
     turn_before_mrad = iteration.turn_mrad;
   }
   throw InputError(fmt::format("{}: the grating is not aligned after {} adjustments; see the iterations there",

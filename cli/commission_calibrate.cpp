@@ -29,8 +29,8 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
     return;
   }
   const Stopwatch watch;
-  const virt::VirtualScanner& sheet = instrument.sheet();
-  const model::Board board = sheet.certified_board("chessboard");
+  const InstrumentSheet& sheet = instrument.sheet();
+  const model::Board& board = sheet.board;
   const model::PhaseLinearisation linearisation = load_linearisation(session);
   std::vector<model::BoardObservation> observations;
   int width_px = 0, height_px = 0;
@@ -62,15 +62,15 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   instrument.check_stop();
   progress.start("calibrating, solving for camera and projector");
   calib::CalibrationOptions options;
-  options.pixel_mm = sheet.pixel_mm();
-  options.working_distance_mm = sheet.design_working_distance_mm();
-  const auto calibrated = calib::calibrate(observations, board, width_px, height_px, sheet.plan(), options);
+  options.pixel_mm = sheet.pixel_mm;
+  options.working_distance_mm = sheet.working_distance_mm;
+  const auto calibrated = calib::calibrate(observations, board, width_px, height_px, sheet.plan, options);
   const std::string folder = session.path("calibration").string();
   if (!calibrated) throw InputError(fmt::format("{}: {}", folder, calibrated.error().sentence));
   auto with_paper = calib::with_paper_models(*calibrated);
   if (!with_paper) throw InputError(fmt::format("{}: {}", folder, with_paper.error().sentence));
   model::Scanner& scanner = *with_paper;
-  scanner.name = fmt::format("virtual {} seed {}", session.choices().preset, session.choices().seed);
+  scanner.name = sheet.name;
   scanner.linearisation = linearisation;
   scanner.provenance = provenance;
   model::write_scanner(session.path("scanner.json"), scanner);

@@ -29,7 +29,7 @@ void linearise_step(const CommissionSession& session, CommissionScanner& instrum
     progress.start(fmt::format("linearising the phase, flat stack {} of {}", i + 1, kFlatStacks));
     behind.run([&, name, capture = instrument.capture(name, "alignment")] {
       const auto added = fit.add(capture, name, sha256_of_file(session.path(name) / "capture.json"));
-      if (!added) throw InputError(fmt::format("{}: {}", session.folder().string(), added.error().sentence));
+      if (!added) session.refuse_capture(name, added.error().sentence);
     });
     progress.done(Weights::flat);
   }

@@ -9,11 +9,6 @@
 namespace fringecal::cli {
 namespace {
 
-/// The scanner, as its verifications name it (cli/virtual_verification.h).
-std::string identification(const CommissionSession& session) {
-  return fmt::format("virtual scanner {}, instrument {}", session.choices().preset, session.choices().seed);
-}
-
 void add_capture(const CommissionSession& session, const std::string& name, AlignmentEntry& entry) {
   const auto file = session.path(name) / "capture.json";
   entry.captures.push_back(read_capture_info(session.path(name)));
@@ -22,9 +17,9 @@ void add_capture(const CommissionSession& session, const std::string& name, Alig
 
 }  // namespace
 
-void record_step(const CommissionSession& session, const std::string& history) {
+void record_step(const CommissionSession& session, const InstrumentSheet& sheet, const std::string& history) {
   const std::string record_file = "alignment/record.json";
-  AlignmentEntry alignment{.scanner = identification(session), .ended = utc_now()};
+  AlignmentEntry alignment{.scanner = sheet.identification, .ended = utc_now()};
   const auto iterations = calib::read_record(session.path(record_file)).iterations;
   for (std::size_t i = 0; i < iterations.size(); ++i) {
     add_capture(session, fmt::format("alignment/iteration-{}", i), alignment);
@@ -33,7 +28,7 @@ void record_step(const CommissionSession& session, const std::string& history) {
   fmt::print("{}", append_words(history, record_of(alignment, iterations, session.path(record_file).string())));
 
   auto calibration = metrology::record_of(model::read_scanner(session.path("scanner.json")), utc_now());
-  calibration.scanner = identification(session);
+  calibration.scanner = sheet.identification;
   std::vector<CaptureInfo> captures;
   for (int i = 0; i < kBoardPoses; ++i) {
     captures.push_back(read_capture_info(session.path(fmt::format("calibration/pose-{:02}", i))));

@@ -8,14 +8,13 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <numbers>
 
 namespace fringecal::cli {
 namespace {
-
-// The targets of this version on the virtual scanner; the paper's own figures stand beside them.
-constexpr double kErrorLimit_mm = 0.06, kFormLimit_mm = 0.06;
 
 double number(const Value& tree, const char* key) {
   const Value* v = tree.find(key);
@@ -183,35 +182,38 @@ reports::CalibrationSection calibration_section(const CommissionSession& session
 }
 
 struct PaperRow {
-  const char* artefact;
+  const char* artefact;  // of the virtual scanner
+  metrology::ArtefactKind kind;
   const char* title;
   const char* text;
   double error_limit_mm, form_sd_mm;
 };
 // [Chen2008, section 4]
 constexpr PaperRow kPaper[] = {
-    {"plane", "Plane", "flat board 800 x 700 mm, 10 times", 0, 0.028},
-    {"sphere30", "Sphere 30 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
-    {"sphere38", "Sphere 38 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
-    {"sphere50", "Sphere 50 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
-    {"cylinder", "Cylinder 119.85 mm", "cylinder 119.85 mm, 10 times", 0.04, 0.035},
+    {"plane", metrology::ArtefactKind::plane, "Plane", "flat board 800 x 700 mm, 10 times", 0, 0.028},
+    {"sphere30", metrology::ArtefactKind::sphere, "Sphere 30 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
+    {"sphere38", metrology::ArtefactKind::sphere, "Sphere 38 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
+    {"sphere50", metrology::ArtefactKind::sphere, "Sphere 50 mm", "spheres 30, 38, 50 mm, 10 times each", 0.04, 0.034},
+    {"cylinder", metrology::ArtefactKind::cylinder, "Cylinder 119.85 mm", "cylinder 119.85 mm, 10 times", 0.04, 0.035},
 };
 
 reports::ArtefactKind kind_from(metrology::ArtefactKind kind) { return static_cast<reports::ArtefactKind>(kind); }
 
-reports::ArtefactSection artefact_section(const CommissionSession& session, const virt::VirtualScanner& instrument,
+reports::ArtefactSection artefact_section(const CommissionSession& session, const InstrumentSheet& sheet,
                                           const std::string& scene, const metrology::NominalArtefact& nominal) {
   reports::ArtefactSection section;
   section.kind = kind_from(nominal.kind);
-  for (const auto& row : kPaper) {
-    if (nominal.name != row.artefact) continue;
-    section.name = row.title;
-    section.paper.text = row.text;
-    if (row.error_limit_mm > 0) section.paper.error_limit_mm = row.error_limit_mm;
-    section.paper.form_sd_mm = row.form_sd_mm;
-  }
+  // Artefacts of one's own: the paper's figure for the kind.
+  const auto same_name = [&](const PaperRow& row) { return nominal.name == row.artefact; };
+  const auto same_kind = [&](const PaperRow& row) { return nominal.kind == row.kind; };
+  const auto named = std::find_if(std::begin(kPaper), std::end(kPaper), same_name);
+  const auto& row = named != std::end(kPaper) ? *named : *std::find_if(std::begin(kPaper), std::end(kPaper), same_kind);
+  section.name = named != std::end(kPaper) ? row.title : nominal.name;
+  section.paper.text = row.text;
+  if (row.error_limit_mm > 0) section.paper.error_limit_mm = row.error_limit_mm;
+  section.paper.form_sd_mm = row.form_sd_mm;
   double u_calibration = 0, n_grazing = 0, n_gross = 0;
-  if (nominal.kind != metrology::ArtefactKind::plane) section.certificate_mm = instrument.certificate_mm(nominal.name);
+  if (nominal.kind != metrology::ArtefactKind::plane) section.certificate_mm = sheet.diameter_mm.at(nominal.name);
   for (const char* model : {"full", "chen2008", "ideal"}) {
     std::vector<metrology::RepeatValue> repeats;
     for (int r = 0; r < session.choices().repeats; ++r) {
@@ -242,14 +244,15 @@ reports::ArtefactSection artefact_section(const CommissionSession& session, cons
     section.models.push_back(result);
   }
   const auto& full = section.models.front();
-  const bool met =
-      (!full.error_mm || std::abs(*full.error_mm) <= kErrorLimit_mm) && full.max_form_sd_mm <= kFormLimit_mm;
+  const bool met = (!full.error_mm || std::abs(*full.error_mm) <= sheet.error_limit_mm) &&
+                   full.max_form_sd_mm <= sheet.form_limit_mm;
   section.verdict = met ? reports::Verdict::met : reports::Verdict::not_met;
-  section.criterion = full.error_mm ? fmt::format(
-                                          "|mean - certificate| <= {} mm and form standard deviation <= {} mm, "
-                                          "simple acceptance",
-                                          kErrorLimit_mm, kFormLimit_mm)
-                                    : fmt::format("form standard deviation <= {} mm, simple acceptance", kFormLimit_mm);
+  section.criterion = full.error_mm
+                          ? fmt::format(
+                                "|mean - certificate| <= {} mm and form standard deviation <= {} mm, "
+                                "simple acceptance",
+                                sheet.error_limit_mm, sheet.form_limit_mm)
+                          : fmt::format("form standard deviation <= {} mm, simple acceptance", sheet.form_limit_mm);
   const int n = session.choices().repeats;
   section.remarks.push_back(
       fmt::format("Left out per repeat, on average: {:.0f} points at more than 60 degrees of "
@@ -268,6 +271,7 @@ reports::ArtefactSection artefact_section(const CommissionSession& session, cons
 }
 
 std::optional<reports::PhaseCorrectionSection> phase_correction_section(const CommissionSession& session,
+                                                                        const InstrumentSheet& sheet,
                                                                         const model::Scanner& scanner) {
   if (!scanner.linearisation) return std::nullopt;
   const auto& table = *scanner.linearisation;
@@ -288,7 +292,7 @@ std::optional<reports::PhaseCorrectionSection> phase_correction_section(const Co
       table.phase_steps, largest, largest_u, table.stacks, choices.linearisation ? "Corrected" : "Not corrected"));
   double one = 0, two = 0;
   int n = 0;
-  for (const auto& scene : verification_scenes()) {
+  for (const auto& scene : sheet.scenes) {
     for (int r = 0; r < choices.repeats; ++r) {
       const Value v = session.load(fmt::format("verification/{}-{:02}.json", scene.name, r));
       const Value* corrections = v.find("corrections");
@@ -298,7 +302,7 @@ std::optional<reports::PhaseCorrectionSection> phase_correction_section(const Co
       ++n;
     }
   }
-  const int stacks = static_cast<int>(verification_scenes().size()) * choices.repeats;
+  const int stacks = static_cast<int>(sheet.scenes.size()) * choices.repeats;
   if (n > 0) {
     out.sentences.push_back(fmt::format(
         "New in every stack: the lamp makes one cycle per period, {:.1f} mrad rms, and the slide's steps two, {:.1f} "
@@ -314,25 +318,22 @@ std::optional<reports::PhaseCorrectionSection> phase_correction_section(const Co
 }  // namespace
 
 reports::CommissioningReport gather_report(const CommissionSession& session, const CommissionScanner& commissioned) {
-  const virt::VirtualScanner& instrument = commissioned.sheet();
+  const InstrumentSheet& sheet = commissioned.sheet();
   const auto scanner = model::read_scanner(session.path("scanner.json"));
   reports::CommissioningReport report;
   report.scanner_name = scanner.name;
-  report.virtual_instrument = true;
-  report.seed = session.choices().seed;
-  report.instrument_note = fmt::format(
-      "Preset {}: a stand-in for the scanner of Chen et al. (2008), rendered with the "
-      "errors of a real one.",
-      session.choices().preset);
+  report.virtual_instrument = session.choices().sheet_sha256.empty();
+  if (report.virtual_instrument) report.seed = session.choices().seed;
+  report.instrument_note = sheet.note;
   report.provenance = provenance_now();
   report.provenance.inputs.emplace_back("scanner.json", sha256_of_file(session.path("scanner.json")));
   double align_s = 0, calibrate_s = 0, verify_s = 0;
-  report.alignment = alignment_section(session, instrument.plan().x->period, align_s);
-  report.phase_corrections = phase_correction_section(session, scanner);
+  report.alignment = alignment_section(session, sheet.plan.x->period, align_s);
+  report.phase_corrections = phase_correction_section(session, sheet, scanner);
   report.calibration = calibration_section(session, scanner, calibrate_s);
-  for (const auto& scene : verification_scenes()) {
+  for (const auto& scene : sheet.scenes) {
     for (const auto& nominal : scene.artefacts) {
-      report.artefacts.push_back(artefact_section(session, instrument, scene.name, nominal));
+      report.artefacts.push_back(artefact_section(session, sheet, scene.name, nominal));
     }
     for (int r = 0; r < session.choices().repeats; ++r) {
       verify_s += number(session.load(fmt::format("verification/{}-{:02}.json", scene.name, r)), "duration_s");
@@ -342,7 +343,11 @@ reports::CommissioningReport gather_report(const CommissionSession& session, con
   report.stages = {
       {"alignment", align_s}, {"linearisation", linearise_s}, {"calibration", calibrate_s}, {"verification", verify_s}};
 
-  const Capture capture = read_capture(session.path("verification/spheres-00"));
+  // The scene with the most artefacts is the richest picture.
+  const auto& shown = *std::max_element(sheet.scenes.begin(), sheet.scenes.end(), [](const auto& a, const auto& b) {
+    return a.artefacts.size() < b.artefacts.size();
+  });
+  const Capture capture = read_capture(session.path(fmt::format("verification/{}-00", shown.name)));
   for (std::size_t i = 0; i < capture.frames.size(); ++i) {
     report.fringes.push_back({describe(capture.info.frames[i].pattern), capture.frames[i], capture.saturation_level()});
   }
@@ -350,7 +355,7 @@ reports::CommissioningReport gather_report(const CommissionSession& session, con
   Image8 valid(map.width(), map.height());
   for (std::size_t i = 0; i < valid.size(); ++i) valid.values()[i] = map.validity.values()[i] == 0 ? 1 : 0;
   report.phase_map =
-      reports::PhaseMapPicture{"Absolute phase of the first capture of the spheres", map.phase_rad, valid};
+      reports::PhaseMapPicture{"Absolute phase of the first capture of the " + shown.name, map.phase_rad, valid};
 
   bool all_met = true;
   double worst_error = 0, worst_form = 0;
@@ -365,10 +370,10 @@ reports::CommissioningReport gather_report(const CommissionSession& session, con
   };
   report.verdicts = {
       line(aligned, report.alignment->conclusion),
-      line(worst_error <= kErrorLimit_mm,
-           fmt::format("Largest diameter error {:.4f} mm (limit {} mm).", worst_error, kErrorLimit_mm)),
-      line(worst_form <= kFormLimit_mm,
-           fmt::format("Largest form standard deviation {:.4f} mm (limit {} mm).", worst_form, kFormLimit_mm))};
+      line(worst_error <= sheet.error_limit_mm,
+           fmt::format("Largest diameter error {:.4f} mm (limit {} mm).", worst_error, sheet.error_limit_mm)),
+      line(worst_form <= sheet.form_limit_mm,
+           fmt::format("Largest form standard deviation {:.4f} mm (limit {} mm).", worst_form, sheet.form_limit_mm))};
   report.verdict = aligned && all_met ? reports::Verdict::met : reports::Verdict::not_met;
   report.verdict_text = aligned && all_met
                             ? "The scanner is commissioned: aligned, calibrated, and every artefact within its limits."

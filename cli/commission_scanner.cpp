@@ -17,7 +17,7 @@
 
 namespace fringecal::cli {
 
-struct CommissionScanner::Devices {
+struct VirtualCommission::Devices {
   std::optional<VirtualChild> child;  // destroyed last, when nobody talks to it any more
   std::unique_ptr<virt::DirectScanner> direct;
   std::unique_ptr<hw::AravisCamera> aravis;
@@ -28,16 +28,21 @@ struct CommissionScanner::Devices {
   hw::RegisterPlc& plc() { return direct ? direct->plc() : *link; }
 };
 
-CommissionScanner::CommissionScanner(const CommissionSession& session, CommissionScannerOptions options,
+VirtualCommission::VirtualCommission(const CommissionSession& session, CommissionScannerOptions options,
                                      std::stop_token stop)
-    : session_(session),
+    : VirtualCommission(session, std::move(options), std::move(stop),
+                        virt::VirtualScanner(session.choices().preset, session.choices().seed,
+                                             {.theta_mrad = session.choices().theta_mrad})) {}
+
+VirtualCommission::VirtualCommission(const CommissionSession& session, CommissionScannerOptions options,
+                                     std::stop_token stop, virt::VirtualScanner instrument)
+    : CommissionScanner(session, sheet_of(instrument, session.choices()), std::move(stop)),
       options_(std::move(options)),
-      stop_(std::move(stop)),
-      instrument_(session.choices().preset, session.choices().seed, {.theta_mrad = session.choices().theta_mrad}) {}
+      instrument_(std::move(instrument)) {}
 
-CommissionScanner::~CommissionScanner() = default;
+VirtualCommission::~VirtualCommission() = default;
 
-CommissionScanner::Devices& CommissionScanner::devices() {
+VirtualCommission::Devices& VirtualCommission::devices() {
   if (devices_) return *devices_;
   const CommissionChoices& choices = session_.choices();
   auto d = std::make_unique<Devices>();
@@ -74,7 +79,7 @@ void CommissionScanner::check_stop() const {
                   session_.folder().string()));
 }
 
-Capture CommissionScanner::capture(const std::string& name, const std::string& scene) {
+Capture VirtualCommission::capture(const std::string& name, const std::string& scene) {
   check_stop();
   const auto folder = session_.path(name);
   if (session_.has(name)) {
@@ -99,9 +104,11 @@ Capture CommissionScanner::capture(const std::string& name, const std::string& s
 }
 
 // The adjuster takes its turns as whole nanoradians (DT100).
-void CommissionScanner::turn_adjuster(double turn_mrad) { turns_mrad_.push_back(1e-6 * std::round(1e6 * turn_mrad)); }
+void VirtualCommission::turn_adjuster(double turn_mrad, Turned) {
+  turns_mrad_.push_back(1e-6 * std::round(1e6 * turn_mrad));
+}
 
-Value CommissionScanner::truth() const {
+std::optional<Value> VirtualCommission::truth() const {
   virt::InstrumentState state;
   for (const double turn : turns_mrad_) instrument_.turn_adjuster(turn, state);
   return instrument_.truth(state);

@@ -21,15 +21,16 @@ constexpr const char* kFile = "commission.json";
 constexpr const char* kSchema = "fringecal.commission";
 
 Value to_value(const CommissionChoices& c) {
-  Value out = Value::object()
-                  .set("schema", kSchema)
-                  .set("schema_version", 1)
-                  .set("preset", c.preset)
-                  .set("seed", std::to_string(c.seed))
-                  .set("repeats", c.repeats)
-                  .set("linearisation", c.linearisation)
-                  .set("stack_correction", c.stack_correction)
-                  .set("program_version", kProgramVersion);
+  Value out = Value::object().set("schema", kSchema).set("schema_version", 1);
+  if (c.sheet_sha256.empty()) {
+    out.set("preset", c.preset).set("seed", std::to_string(c.seed));
+  } else {
+    out.set("sheet_sha256", c.sheet_sha256);
+  }
+  out.set("repeats", c.repeats)
+      .set("linearisation", c.linearisation)
+      .set("stack_correction", c.stack_correction)
+      .set("program_version", kProgramVersion);
   if (c.theta_mrad) out.set("theta_mrad", *c.theta_mrad);
   return out;
 }
@@ -37,7 +38,8 @@ Value to_value(const CommissionChoices& c) {
 void refuse_other_choices(const fs::path& file, const CommissionChoices& now) {
   Fields f(read_json(file), file.string());
   f.expect_schema(kSchema, 1);
-  const std::string preset = f.text("preset"), seed = f.text("seed"), version = f.text("program_version");
+  const std::string sheet = f.optional_text("sheet_sha256").value_or(""), version = f.text("program_version");
+  const std::string preset = sheet.empty() ? f.text("preset") : "", seed = sheet.empty() ? f.text("seed") : "";
   const int repeats = f.integer("repeats");
   const bool linearisation = f.optional_boolean("linearisation").value_or(true);
   const bool stack_correction = f.optional_boolean("stack_correction").value_or(true);
@@ -51,8 +53,12 @@ void refuse_other_choices(const fs::path& file, const CommissionChoices& now) {
                     file.string(), what, then, today));
   };
   const auto word = [](const std::optional<double>& t) { return t ? fmt::format("{} mrad", *t) : "of the preset"; };
-  differs("preset", preset, now.preset);
-  differs("seed", seed, std::to_string(now.seed));
+  const auto of = [](const std::string& hash) { return hash.empty() ? "no sheet (virtual)" : "SHA-256 " + hash; };
+  differs("an instrument sheet of", of(sheet), of(now.sheet_sha256));
+  if (sheet.empty()) {
+    differs("preset", preset, now.preset);
+    differs("seed", seed, std::to_string(now.seed));
+  }
   differs("repeats", std::to_string(repeats), std::to_string(now.repeats));
   differs("theta", word(theta), word(now.theta_mrad));
   const auto on = [](bool is) { return is ? "on" : "off"; };
@@ -112,6 +118,16 @@ CommissionSession::CommissionSession(fs::path folder, const CommissionChoices& c
 
 CommissionSession::~CommissionSession() {
   if (lock_ >= 0) close(lock_);
+}
+
+void CommissionSession::refuse_capture(const std::string& name, const std::string& why) const {
+  std::string aside;
+  for (int k = 1; aside.empty() || has(aside); ++k) aside = fmt::format("{}-refused-{}", name, k);
+  std::error_code error;
+  fs::rename(path(name), path(aside), error);
+  throw InputError(fmt::format("{}: {}; {}", path(name).string(), why,
+                               error ? "remove that folder and run the same command again"
+                                     : "kept as " + aside + ", the same command takes it again"));
 }
 
 /// The lock is the system's: it ends with the program, however that ends.

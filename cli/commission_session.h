@@ -15,6 +15,8 @@
 namespace fringecal::cli {
 
 struct CommissionChoices {
+  std::string sheet_sha256 =
+      {};  // of a scanner of one's own (cli/instrument_sheet.h); the virtual one has the next two
   std::string preset = "chen2008";
   std::uint64_t seed = 1;
   std::optional<double> theta_mrad;  // fringe angle to start from; absent: the preset's
@@ -39,6 +41,10 @@ class CommissionSession {
   bool has(const std::string& name) const;
   void store(const std::string& name, const Value& value) const;
   Value load(const std::string& name) const;
+
+  /// A capture that cannot be used, because of why: kept under another name, so that the next call takes it again.
+  /// Throws InputError with that.
+  [[noreturn]] void refuse_capture(const std::string& name, const std::string& why) const;
 
   /// A seed of its own for each stack of the virtual scanner, the same in every call.
   std::uint64_t stack_seed(const std::string& item) const;

@@ -1,4 +1,4 @@
-// The steps of a commissioning on the virtual scanner, each resumable, each leaving its results as files in the
+// The steps of a commissioning, each resumable, each leaving its results as files in the
 // session.
 //   alignment/iteration-N/     Capture of the flat board
 //   alignment/record.json      what was measured and done in each iteration (calib/align_record.h)
@@ -16,7 +16,6 @@
 #include "cli/commission_scanner.h"
 #include "cli/commission_session.h"
 #include "cli/progress.h"
-#include "metrology/artefact.h"
 #include "reports/commissioning_report.h"
 
 #include <string>
@@ -28,17 +27,10 @@ inline constexpr int kMaxAlignments = 6;
 inline constexpr int kFlatStacks = 4;  // the fixed two cycles to half of what a stack adds; the table to 0.05 mrad
 inline constexpr int kBoardPoses = 15;
 
-/// What is measured in the verification: the paper's section 4.
-struct VerificationScene {
-  std::string name;  // "plane", "spheres", "cylinder": standard scenes of the virtual scanner
-  std::vector<metrology::NominalArtefact> artefacts;
-};
-std::vector<VerificationScene> verification_scenes();
-
 /// Relative durations of the items, for the estimate of the time left.
 struct Weights {
   static constexpr double alignment = 1.0, flat = 1.0, pose = 1.2, solve = 6.0, repeat = 1.6, report = 3.0;
-  static double total(int repeats);
+  static double total(std::size_t scenes, int repeats);
 };
 
 /// Turns the grating until it is aligned.
@@ -52,11 +44,13 @@ void verify_step(const CommissionSession& session, CommissionScanner& instrument
 
 /// The alignment, as found and as left, and the calibration as entries of a history; once, however often the
 /// commissioning is continued.
-void record_step(const CommissionSession& session, const std::string& history);
+void record_step(const CommissionSession& session, const InstrumentSheet& sheet, const std::string& history);
 
 /// Everything the report shows, read from the session's files.
 reports::CommissioningReport gather_report(const CommissionSession& session, const CommissionScanner& commissioned);
 
+/// "once", "10 times".
+std::string times(int n);
 /// The table of the summary, for stdout.
 std::string summary_table(const reports::CommissioningReport& report);
 

@@ -48,20 +48,6 @@ decode::CorrectionOptions corrections_of(const CommissionChoices& choices) {
           .stack = choices.stack_correction ? decode::Correct::yes : decode::Correct::no};
 }
 
-}  // namespace
-
-std::vector<VerificationScene> verification_scenes() {
-  using metrology::ArtefactKind;
-  return {{"plane", {{"plane", ArtefactKind::plane, 0}}},
-          {"spheres",
-           {{"sphere50", ArtefactKind::sphere, 50},
-            {"sphere38", ArtefactKind::sphere, 38},
-            {"sphere30", ArtefactKind::sphere, 30}}},
-          {"cylinder", {{"cylinder", ArtefactKind::cylinder, 119.85}}}};
-}
-
-namespace {
-
 /// One stack through the three models; the deviation maps of the first repeat as files.
 class Evaluation {
  public:
@@ -80,7 +66,7 @@ class Evaluation {
       const bool full = model == metrology::ReconstructionModel::full;
       points_ = reconstruct_(measured.map, {.model = model, .normals = false}, std::move(points_));
       const auto found = metrology::measure_artefacts(points_.cloud, scanner_, scene.artefacts);
-      if (!found) throw InputError(fmt::format("{} ({} model): {}", name, word, found.error().sentence));
+      if (!found) session_.refuse_capture(name, fmt::format("{} model: {}", word, found.error().sentence));
       Value list = Value::array();
       for (const auto& m : *found) {
         list.append(to_value(m));
@@ -117,7 +103,7 @@ class Evaluation {
 
 void verify_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
   const auto scanner = model::read_scanner(session.path("scanner.json"));
-  const auto scenes = verification_scenes();
+  const auto& scenes = instrument.sheet().scenes;
   std::optional<Evaluation> evaluation;
   Behind behind;
   for (const auto& scene : scenes) {
@@ -137,7 +123,7 @@ void verify_step(const CommissionSession& session, CommissionScanner& instrument
       progress.done(Weights::repeat);
     }
     behind.finish();
-    progress.finish_step(fmt::format("{} measured {} times", scene.name, session.choices().repeats));
+    progress.finish_step(fmt::format("{} measured {}", scene.name, times(session.choices().repeats)));
   }
 }
 

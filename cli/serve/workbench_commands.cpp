@@ -53,6 +53,12 @@ std::vector<std::string> Workbench::commission_command(const Value& request) con
   std::vector<std::string> out = {"commission", "--virtual", "--output", commissioning().string()};
   if (there(begun) && !fresh) {
     Fields choices(read_json(begun), begun.string());
+    if (choices.has("sheet_sha256")) {
+      throw InputError(
+          fmt::format("{}: an operator is asked for every step of this commissioning; continue it on the "
+                      "command line",
+                      commissioning().string()));
+    }
     seed = choices.text("seed");
     preset = choices.text("preset");
     repeats = choices.integer("repeats");

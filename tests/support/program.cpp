@@ -63,7 +63,7 @@ ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size
   return result;
 }
 
-RunningProgram::RunningProgram(const std::vector<std::string>& arguments) {
+RunningProgram::RunningProgram(const std::vector<std::string>& arguments, bool dialogue) {
   std::string program = FRINGECAL_PROGRAM;
   std::vector<std::string> copies = arguments;
   std::vector<char*> argv = {program.data()};
@@ -71,14 +71,34 @@ RunningProgram::RunningProgram(const std::vector<std::string>& arguments) {
   argv.push_back(nullptr);
   int ends[2];
   if (pipe2(ends, O_CLOEXEC) != 0) throw std::runtime_error("pipe failed");
+  int said[2] = {-1, -1};
+  if (dialogue && pipe2(said, O_CLOEXEC) != 0) throw std::runtime_error("pipe failed");
   child_ = fork();
   if (child_ < 0) throw std::runtime_error("fork failed");
   if (child_ == 0) {
     dup2(ends[1], STDOUT_FILENO);
+    if (dialogue) {
+      dup2(ends[1], STDERR_FILENO);
+      dup2(said[0], STDIN_FILENO);
+    }
     become(program, argv);
   }
   close(ends[1]);
   output_ = ends[0];
+  if (dialogue) close(said[0]);
+  input_ = said[1];
+}
+
+void RunningProgram::say(const std::string& line) {
+  const std::string bytes = line + "\n";
+  if (write(input_, bytes.data(), bytes.size()) != static_cast<ssize_t>(bytes.size())) {
+    throw std::runtime_error("the program does not listen");
+  }
+}
+
+void RunningProgram::hang_up() {
+  if (input_ >= 0) close(input_);
+  input_ = -1;
 }
 
 RunningProgram::~RunningProgram() {
@@ -86,6 +106,7 @@ RunningProgram::~RunningProgram() {
     kill(child_, SIGKILL);
     waitpid(child_, nullptr, 0);
   }
+  hang_up();
   close(output_);
 }
 

@@ -23,19 +23,23 @@ ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size
 /// The program while it runs; ended by SIGKILL with the object at the latest.
 class RunningProgram {
  public:
-  explicit RunningProgram(const std::vector<std::string>& arguments);
+  /// dialogue: say() is its standard input, and what it says on standard error is part of its output.
+  explicit RunningProgram(const std::vector<std::string>& arguments, bool dialogue = false);
   ~RunningProgram();
   RunningProgram(const RunningProgram&) = delete;
   RunningProgram& operator=(const RunningProgram&) = delete;
 
   /// The next line of its standard output; empty where none came in time or it ended.
   std::string line(std::chrono::milliseconds limit = std::chrono::seconds(60));
+  /// A line on its standard input; `hang_up`: its end.
+  void say(const std::string& line);
+  void hang_up();
   void send(int signal) const;
   /// Exit code as in ProgramResult; nothing where it still runs after the limit.
   std::optional<int> wait(std::chrono::milliseconds limit = std::chrono::seconds(60));
 
  private:
-  int child_ = -1, output_ = -1;
+  int child_ = -1, input_ = -1, output_ = -1;
   std::string received_;
 };
 
