@@ -9,6 +9,7 @@
 #include <Eigen/Cholesky>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -359,6 +360,34 @@ Bundle BundleSystem::moved(const Bundle& b, const Direction& direction, double l
     rotation = (rotation_from_vector(w) * rotation).normalized();
   }
   return next;
+}
+
+Eigen::VectorXd BundleSystem::difference(const Bundle& from, const Bundle& to) const {
+  const auto values = [](const Bundle& b) {
+    std::array<double, rows::kPitch> v{};
+    const auto put = [&](int first, auto... value) {
+      auto at = v.begin() + first;
+      ((*at++ = value), ...);
+    };
+    put(rows::kCamera, b.camera.fx_px, b.camera.fy_px, b.camera.cx_px, b.camera.cy_px);
+    std::copy(b.camera.distortion.begin(), b.camera.distortion.end(), v.begin() + rows::kCameraK);
+    if (!b.projector) return v;
+    if (b.projector->x) put(rows::kAxis, b.projector->x->f, b.projector->x->u0);
+    if (b.projector->y) put(rows::kAxis + 2, b.projector->y->f, b.projector->y->u0);
+    std::copy(b.projector->distortion.begin(), b.projector->distortion.end(), v.begin() + rows::kProjectorK);
+    const auto& t = b.proj_from_cam.translation_mm;
+    put(rows::kProjectorT, t.x(), t.y(), t.z());
+    return v;
+  };
+  const auto a = values(from), b = values(to);
+  const Eigen::Vector3d w = vector_from_rotation(to.proj_from_cam.rotation * from.proj_from_cam.rotation.conjugate());
+  Eigen::VectorXd out(reported_);
+  for (int i = 0; i < reported_; ++i) {
+    const int c = dense_[static_cast<std::size_t>(i)];
+    const bool turn = c >= rows::kProjectorW && c < rows::kProjectorT;
+    out[i] = turn ? w[c - rows::kProjectorW] : b[static_cast<std::size_t>(c)] - a[static_cast<std::size_t>(c)];
+  }
+  return out;
 }
 
 Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {

@@ -76,6 +76,8 @@ class BundleSystem {
   std::optional<Direction> newton(double lambda) const;
   /// g . d at the linearisation: half of what the cost changes by along d.
   double slope(const Direction& d) const;
+  /// What leads from one bundle to the other in the reported unknowns: the inverse of moved().
+  Eigen::VectorXd difference(const Bundle& from, const Bundle& to) const;
   /// The bundle, changed by `length` times d.
   Bundle moved(const Bundle& bundle, const Direction& d, double length) const;
 
@@ -100,6 +102,8 @@ class BundleSystem {
   /// Names of the shared unknowns but the printing errors; reported() of them belong in the Scanner's covariance.
   const std::vector<std::string>& names() const { return names_; }
   int reported() const { return reported_; }
+  /// Which of them is the projector's place along the fringes, held by a prior; -1: it is not among them.
+  int along_column() const { return along_column_; }
   int lens_and_pose_unknowns() const;
 
  private:

@@ -4,6 +4,8 @@
 #include "core/error.h"
 #include "core/statistics.h"
 
+#include <Eigen/Cholesky>
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -127,6 +129,7 @@ class Solver {
   Result<bool> update_components(const BundleSystem::Posterior& posterior);
   Result<SolveReport> report(const BundleSystem& system, BundleSystem::Posterior posterior);
   Result<Eigen::MatrixXd> with_known_components(const BundleSystem::Posterior& posterior) const;
+  Eigen::MatrixXd over_the_place_along(const BundleSystem& system, const Eigen::MatrixXd& linear) const;
   void check_poses(const BundleSystem& system, const BundleSystem::Posterior& posterior, SolveReport& report) const;
 
   Bundle& bundle_;
@@ -313,6 +316,9 @@ Result<SolveReport> Solver::report(const BundleSystem& system, BundleSystem::Pos
   auto covariance = with_known_components(posterior);
   if (!covariance) return tl::unexpected(covariance.error());
   out.covariance.covariance = covariance->topLeftCorner(reported, reported);
+  if (system.along_column() >= 0 && !settings_.fixed_components) {
+    out.covariance.covariance = over_the_place_along(system, out.covariance.covariance);
+  }
   if (reported > 0 && !(out.covariance.covariance.diagonal().minCoeff() > 0.0)) {
     return unanswerable("the covariance of the calibration is not positive; capture more poses");
   }
@@ -359,6 +365,42 @@ Result<Eigen::MatrixXd> Solver::with_known_components(const BundleSystem::Poster
   auto widened = system.posterior(bundle_);
   if (!widened) return tl::unexpected(widened.error());
   return std::move(widened->shared);
+}
+
+Eigen::MatrixXd Solver::over_the_place_along(const BundleSystem& system, const Eigen::MatrixXd& linear) const {
+  const Eigen::Index n = linear.rows(), at = system.along_column();
+  const int along = bundle_.projector->x ? 1 : 0;
+  const double here = bundle_.proj_from_cam.translation_mm[along], u = std::sqrt(linear(at, at));
+  SolveSettings held{.free = settings_.free, .components = components_, .fixed_components = true};
+  held.components.along_mm = 0;
+  Eigen::MatrixXd moves = Eigen::MatrixXd::Zero(n, n), widest;
+  double weights = 0, least = 0, largest = 0;
+  for (const double z : {0.0, -std::sqrt(3.0), std::sqrt(3.0)}) {
+    Bundle there = bundle_;
+    there.proj_from_cam.translation_mm[along] = here + z * u;
+    const auto report = solve_bundle(there, held);
+    if (!report) continue;  // a place that no scanner explains has no weight
+    const double cost = report->chi2 + std::pow((here + z * u) / components_.along_mm, 2);
+    const Eigen::MatrixXd& rest = report->covariance.covariance;
+    const double volume = Eigen::LLT<Eigen::MatrixXd>(rest).matrixLLT().diagonal().array().log().sum();
+    if (widest.size() == 0) least = cost;
+    if (widest.size() == 0 || volume > largest) {
+      largest = volume;
+      widest = rest;
+    }
+    const double weight = (z == 0 ? 2.0 / 3.0 : 1.0 / 6.0) * std::exp(0.5 * (z * z - (cost - least)));
+    const Eigen::VectorXd d = system.difference(bundle_, there);
+    weights += weight;
+    moves += weight * d * d.transpose();
+  }
+  if (!(weights > 0)) return linear;
+  Eigen::MatrixXd out = moves / weights;  // eq. 6
+  const Eigen::Index after = n - at - 1;
+  out.topLeftCorner(at, at) += widest.topLeftCorner(at, at);
+  out.topRightCorner(at, after) += widest.topRightCorner(at, after);
+  out.bottomLeftCorner(after, at) += widest.bottomLeftCorner(after, at);
+  out.bottomRightCorner(after, after) += widest.bottomRightCorner(after, after);
+  return out;
 }
 
 void Solver::check_poses(const BundleSystem& system, const BundleSystem::Posterior& posterior, SolveReport& out) const {

@@ -22,6 +22,14 @@
 //   F = mean of C_J,kk / C_kk over the parameters                                                              (4)
 // is 1 +- sqrt(4 / ((n - 1) K)) for a model that is true, K parameters and n poses. Beyond four of these C is multiplied by
 // F (n - 1) / (n - 3): the second factor because n poses know their own scatter badly [JCGM101, 6.4.9.2].
+// The place t of a one-axis projector along the fringes enters through its distortion only, as products of t with k1 and
+// k2, which are hardly known better: along t the solution curves by a good part of the others' standard deviations, and
+// off the level there is information on k2 that is absent on it. So C is not taken linear along t. With the solutions at
+// t_i = t + z_i u(t), z = 0, +-sqrt(3), all else free, d_i how far they are from the solution, C(t_i) their covariance with
+// t held, and Q_i their eq. 1,
+//   C = C(t*) + sum w_i d_i d_i^T / sum w_i,   w_i = (2/3, 1/6, 1/6) exp((z_i^2 - (Q_i - Q_0)) / 2)             (6)
+// a Gauss-Hermite sum over t. C(t*) is the largest of the C(t_i): what is known only if the projector stood off the level
+// is not counted. Without curvature (6) is the linear C.
 #pragma once
 
 #include "calib/bundle_system.h"

@@ -1,6 +1,6 @@
 // Calibrations through rendered images: the virtual scanner's boards, detected and decoded, with every effect that the model
 // does not have (harmonics of binary fringes, step errors, flicker, blur, quantisation), against the known truth.
-// FRINGECAL_LONG=N: N instruments instead of one (60 take some 10 minutes of a core).
+// FRINGECAL_LONG=60: 60 instruments instead of one (20 minutes of a core); each prints its line as it is done.
 #include "calib/board_detection.h"
 #include "calib/calibrate.h"
 #include "hw/virtual/virtual_scanner.h"
@@ -45,6 +45,7 @@ TEST(RenderedCalibration, ErrsAsItsCovarianceSays) {
     const Eigen::Vector3d w =
         vector_from_rotation(found->proj_from_cam.rotation * truth.proj_from_cam.rotation.conjugate());
     if (squares.size() == 0) squares.setZero(static_cast<Eigen::Index>(names.size()));
+    std::printf("instrument %d:", seed);
     for (std::size_t k = 0; k < names.size(); ++k) {
       const auto rotation = names[k].find("rotation_");
       const double error = rotation == std::string::npos
@@ -52,9 +53,12 @@ TEST(RenderedCalibration, ErrsAsItsCovarianceSays) {
                                : w[names[k][rotation + std::string("rotation_").size()] - 'x'];
       const double z = error / *found->uncertainty.u(names[k]);
       squares[static_cast<Eigen::Index>(k)] += z * z / instruments;
+      std::printf(" %+.2f", z);
       // One instrument: 18 parameters, 4 of their own standard uncertainties each.
       EXPECT_LT(std::abs(z), 4.0) << names[k] << ", instrument " << seed;
     }
+    std::printf("\n");
+    std::fflush(stdout);
   }
   for (std::size_t k = 0; k < names.size(); ++k) {
     const double sd = std::sqrt(squares[static_cast<Eigen::Index>(k)]);
