@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numbers>
 
 namespace fringecal::fitting {
 
@@ -28,15 +29,17 @@ std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, con
   const VectorN<N> scaling = diagonal.cwiseSqrt().cwiseInverse();
   const MatrixN<N> scaled = scaling.asDiagonal() * A * scaling.asDiagonal();
   // With the trace N the eigenvalues but the smallest have a product below (N / (N - 1))^(N - 1) < e, so the smallest is
-  // above the determinant / e: mostly the factors alone, a tenth of the work, show that it is not zero.
+  // above the determinant / e: mostly the factors alone, a tenth of the work, show that it is above the limit.
+  constexpr double kSmallest = 1e-10;
   const Eigen::LLT<MatrixN<N>> factors(scaled);
-  if (factors.info() == Eigen::Success && std::pow(factors.matrixLLT().diagonal().prod(), 2) > 1e-12) {
+  if (factors.info() == Eigen::Success &&
+      std::pow(factors.matrixLLT().diagonal().prod(), 2) > std::numbers::e * kSmallest) {
     const MatrixN<N> root = factors.matrixL().solve(MatrixN<N>(scaling.asDiagonal()));
     const MatrixN<N> inverse = root.transpose() * root;
     return NormalSolution<N>{inverse * b, inverse};
   }
   const SymmetricEigen<N> eigen = symmetric_eigen<N>(scaled);
-  if (!(eigen.values[0] > 1e-10)) return std::nullopt;
+  if (!(eigen.values[0] > kSmallest)) return std::nullopt;
   const MatrixN<N> root = scaling.asDiagonal() * eigen.vectors;
   const MatrixN<N> inverse = root * eigen.values.cwiseInverse().asDiagonal() * root.transpose();
   return NormalSolution<N>{inverse * b, inverse};

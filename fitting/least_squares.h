@@ -187,7 +187,8 @@ tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const Fram
       surface = surface.moved(newton->x);
       return done(iteration + 1);
     }
-    const bool is_rounding = !(length2 > 1e-26 * n);
+    // Where the scatter itself is near rounding, a step is rounding when it is small against the scatter too.
+    const bool is_rounding = !(length2 > std::clamp(1e-8 * at.f, 1e-29 * n, 1e-26 * n));
     // F is a sum of squares of distances that are known to some 4 eps of the frame's size.
     const bool at_the_end = is_rounding || !(length2 > std::max(1e-11 * at.f, 2e-15 * std::sqrt(at.f * n)));
     const bool write = distances_mm && (options.start_is_near || (rate < 1e-4 && length2 * rate < kBlind2 * n));
