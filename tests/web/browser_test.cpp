@@ -166,6 +166,7 @@ TEST(Page, ACloudIsShownFilteredMeasuredAndCut) {
   browser.open(served.address());
   ASSERT_TRUE(browser.wait_for("document.getElementById('next')", 30));
   browser.evaluate(kWatch);
+  browser.evaluate("localStorage.setItem('fringecal.drawing', 'webgl'); return 1;");
   browser.evaluate("location.hash = '#/cloud'; return 1;");
   const auto said = [&] { return browser.text("return document.querySelector('main').innerText;"); };
   ASSERT_TRUE(browser.wait_for("document.getElementById('shown')?.textContent.startsWith('3,600 of 3,600')", 60))
@@ -190,7 +191,7 @@ TEST(Page, ACloudOf1400000PointsTurnsSmoothlyWithoutAGraphicsProcessor) {
   fs::create_directories(folder / "clouds");
   folder.write("clouds/large.ply", large_cloud());
   Served served(folder.path());
-  Browser browser(Browser::Drawing::webgl);
+  Browser browser;
   browser.open(served.address());
   ASSERT_TRUE(browser.wait_for("document.getElementById('next')", 30));
   browser.evaluate(kWatch);
@@ -249,7 +250,7 @@ TEST(Page, AVerificationIsShownInSpaceWithItsFits) {
       served.get("/api/verification/cloud?name=verification-quick-20260101T000000Z&cloud=../captures/morning-00.json")
           .status,
       422);
-  Browser browser(Browser::Drawing::webgl);
+  Browser browser;
   browser.open(served.program().line());  // the next one-time address
   ASSERT_TRUE(browser.wait_for("document.getElementById('job')", 30));
   browser.evaluate(kWatch);

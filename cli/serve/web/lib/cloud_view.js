@@ -1,12 +1,14 @@
-// Clouds and lines in three.js, smooth without a graphics processor too. Points are shuffled once, so that any part of
-// them is an even sample:
+// Clouds and lines in space, turned and zoomed by three.js, smooth with and without a graphics processor. Points are
+// shuffled once, so that any part of them is an even sample:
 //   moving   as many points as the time of the frames before allows (budget), the fewer the larger; a frame's time is that
-//            of drawing it until a pixel of it can be read back                                                        (1)
+//            of drawing it to its end                                                                                  (1)
 //   at rest  budget by budget the others are drawn on top, a frame each, until all are there; moving breaks this off   (2)
 import * as THREE from '/three/build/three.module.js';
 import {OrbitControls} from '/three/examples/jsm/controls/OrbitControls.js';
+import {GlSurface} from './gl_surface.js';
+import {PixelSurface} from './pixel_surface.js';
 
-const kFrameMs = 25;  // of the 33 that 30 frames per second leave; the rest is for the page
+const kFrameMs = 22;  // of the 33 that 30 frames per second leave; the rest is for the page
 const kFewest = 5000, kMost = 8e6, kRestMs = 200, kPointPx = 2, kLargestPx = 4;
 
 /// Blue over green to red; 256 steps of red, green, blue.
@@ -14,6 +16,18 @@ const kColours = Uint8Array.from({length: 3 * 256}, (_, at) => {
   const v = Math.floor(at / 3) / 255, channel = Math.abs(4 * v - [3, 2, 1][at % 3]);
   return 255 * Math.min(1, Math.max(0, 1.5 - channel));
 });
+
+/// Whether WebGL is there and is not drawn by software; localStorage's fringecal.drawing, "webgl" or "processor", overrules.
+function hasGraphicsProcessor() {
+  const wanted = localStorage.getItem('fringecal.drawing');
+  if (wanted) return wanted === 'webgl';
+  const gl = document.createElement('canvas').getContext('webgl');
+  if (!gl) return false;
+  const names = gl.getExtension('WEBGL_debug_renderer_info');
+  const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  gl.getExtension('WEBGL_lose_context')?.loseContext();
+  return !/swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
 
 function shuffled(indices) {
   const out = Uint32Array.from(indices);
@@ -27,26 +41,27 @@ function shuffled(indices) {
   return out;
 }
 
+function sphereAround(place) {
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute('position', new THREE.BufferAttribute(place, 3));
+  geometry.computeBoundingSphere();
+  return geometry.boundingSphere;
+}
+
 export class CloudView {
   /// onShown(count): how many points are drawn.
   constructor(canvas, onShown) {
     this.canvas = canvas;
     this.onShown = onShown;
-    this.renderer = new THREE.WebGLRenderer({canvas, antialias: false, preserveDrawingBuffer: true});
-    this.renderer.setClearColor(0x0c1116);
-    this.renderer.autoClear = false;
-    this.scene = new THREE.Scene();
+    this.surface = hasGraphicsProcessor() ? new GlSurface(canvas) : new PixelSurface(canvas);
+    canvas.dataset.surface = this.surface.constructor.name;
     this.camera = new THREE.PerspectiveCamera(35, 1, 1, 10000);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.enableKeys = false;
     this.controls.addEventListener('change', () => this.moved());
-    this.marks = new THREE.Group();
-    this.lines = new THREE.Group();
-    this.scene.add(this.marks, this.lines);
     this.bounds = new THREE.Sphere(new THREE.Vector3(), 0);
     this.budget = 100000;
     this.frames = 0;
-    this.pixel = new Uint8Array(4);
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(canvas);
   }
@@ -54,8 +69,7 @@ export class CloudView {
   end() {
     this.observer.disconnect();
     this.controls.dispose();
-    this.points?.geometry.dispose();
-    this.renderer.dispose();
+    this.surface.end();
     clearTimeout(this.rest);
     cancelAnimationFrame(this.next);
   }
@@ -63,8 +77,7 @@ export class CloudView {
   resize() {
     const {clientWidth: w, clientHeight: h} = this.canvas;
     if (!w || !h) return;
-    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
-    this.renderer.setSize(w, h, false);
+    this.surface.resize(w, h);
     this.camera.aspect = w / h;
     this.camera.updateProjectionMatrix();
     this.refresh();
@@ -72,12 +85,8 @@ export class CloudView {
 
   /// values(i): what colours point i, from low to high.
   set(cloud, kept, values, [low, high]) {
-    if (this.points) {
-      this.scene.remove(this.points);
-      this.points.geometry.dispose();
-    }
     const {x, y, z} = cloud.columns, order = shuffled(kept), n = order.length;
-    const place = new Float32Array(3 * n), colours = new Uint8Array(3 * n), steps = 255 / (high - low || 1);
+    const place = new Float32Array(3 * n), colours = new Uint8Array(4 * n).fill(255), steps = 255 / (high - low || 1);
     this.centre ??= [x, y, z].map((c) => kept.reduce((s, i) => s + c[i], 0) / (n || 1));
     const [cx, cy, cz] = this.centre;
     for (let k = 0; k < n; ++k) {
@@ -85,40 +94,22 @@ export class CloudView {
       place[3 * k] = x[i] - cx;
       place[3 * k + 1] = y[i] - cy;
       place[3 * k + 2] = z[i] - cz;
-      colours[3 * k] = kColours[c];
-      colours[3 * k + 1] = kColours[c + 1];
-      colours[3 * k + 2] = kColours[c + 2];
+      colours[4 * k] = kColours[c];
+      colours[4 * k + 1] = kColours[c + 1];
+      colours[4 * k + 2] = kColours[c + 2];
     }
-    const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute('position', new THREE.BufferAttribute(place, 3));
-    geometry.setAttribute('color', new THREE.BufferAttribute(colours, 3, true));
-    this.points = new THREE.Points(geometry, new THREE.PointsMaterial({size: kPointPx, sizeAttenuation: false, vertexColors: THREE.VertexColors}));
-    this.points.frustumCulled = false;
-    this.scene.add(this.points);
+    this.surface.setPoints(place, colours);
     this.place = place;
-    if (n) {
-      geometry.computeBoundingSphere();
-      this.bounds.copy(geometry.boundingSphere);
-    }
+    if (n) this.bounds = sphereAround(place);
     this.refresh();
   }
 
   /// lines: [{points: [x, y, z, ...], colour, dashed}], in place of those before.
   setLines(lines) {
     this.centre ??= [0, 0, 0];
-    for (const old of [...this.lines.children]) {
-      this.lines.remove(old);
-      old.geometry.dispose();
-      old.material.dispose();
-    }
-    for (const {points, colour, dashed} of lines) {
-      const geometry = new THREE.BufferGeometry(), options = {color: colour};
-      geometry.setAttribute('position', new THREE.BufferAttribute(Float32Array.from(points, (v, i) => v - this.centre[i % 3]), 3));
-      const line = new THREE.Line(geometry, dashed ? new THREE.LineDashedMaterial({...options, dashSize: 6, gapSize: 5}) : new THREE.LineBasicMaterial(options));
-      if (dashed) line.computeLineDistances();
-      this.lines.add(line);
-    }
-    if (!this.place?.length && lines.length) new THREE.Box3().setFromObject(this.lines).getBoundingSphere(this.bounds);
+    const relative = lines.map((line) => ({...line, points: Float32Array.from(line.points, (v, i) => v - this.centre[i % 3])}));
+    this.surface.setLines(relative);
+    if (!this.place?.length && lines.length) this.bounds = sphereAround(Float32Array.from(relative.flatMap((line) => [...line.points])));
     this.refresh();
   }
 
@@ -157,15 +148,10 @@ export class CloudView {
     this.moved();
   }
 
-  /// Nothing beyond the plane is drawn. axis 0, 1, 2; nothing: the whole cloud.
+  /// Nothing beyond the plane is drawn. axis 0, 1, 2; null: the whole cloud.
   section(axis, at) {
-    if (axis === null) {
-      this.renderer.clippingPlanes = [];
-    } else {
-      const normal = new THREE.Vector3();
-      normal.setComponent(axis, -1);
-      this.renderer.clippingPlanes = [new THREE.Plane(normal, at - this.centre[axis])];
-    }
+    this.limit = axis === null ? null : {axis, at: at - this.centre[axis]};
+    this.surface.section(axis, this.limit?.at);
     this.refresh();
   }
 
@@ -196,27 +182,21 @@ export class CloudView {
   }
 
   drawFirst() {
-    this.renderer.clear();
-    this.lines.visible = this.marks.visible = true;
-    const some = this.points && Math.min(this.count(), Math.floor(this.budget));
-    if (some) this.points.material.size = Math.min(kLargestPx, Math.max(kPointPx, kPointPx * Math.sqrt(0.2 * this.count() / some)));
-    this.draw(0, some ?? 0);
+    const some = Math.min(this.count(), Math.floor(this.budget));
+    // As much of the picture as all points would cover, as far as larger points can.
+    this.draw(0, some, some ? Math.min(kLargestPx, Math.max(kPointPx, Math.sqrt(this.count() / some))) : 0, true);
   }
 
   /// Whether there are more.
   drawMore() {
     if (this.shown >= this.count()) return false;
-    this.lines.visible = this.marks.visible = false;
-    this.points.material.size = kPointPx;
-    this.draw(this.shown, Math.min(this.count() - this.shown, Math.floor(this.budget)));
+    this.draw(this.shown, Math.min(this.count() - this.shown, Math.floor(this.budget)), kPointPx, false);
     return true;
   }
 
-  draw(from, count) {
-    const begin = performance.now(), gl = this.renderer.getContext();
-    this.points?.geometry.setDrawRange(from, count);
-    this.renderer.render(this.scene, this.camera);
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, this.pixel);
+  draw(from, count, size, first) {
+    const begin = performance.now();
+    this.surface.draw(this.camera, from, count, size, first);
     const ms = performance.now() - begin;
     if (count > this.budget / 2 || ms > kFrameMs) this.budget = Math.min(kMost, Math.max(kFewest, this.budget * Math.min(1.3, Math.max(0.5, kFrameMs / ms))));
     this.shown = from + count;
@@ -228,7 +208,7 @@ export class CloudView {
   pick(px, py) {
     const m = new THREE.Matrix4().multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse).elements, p = this.place;
     if (!p) return null;
-    const planes = this.renderer.clippingPlanes, w = this.canvas.clientWidth / 2, h = this.canvas.clientHeight / 2;
+    const w = this.canvas.clientWidth / 2, h = this.canvas.clientHeight / 2;
     let best = null, bestScore = 12;
     for (let k = 0; k < p.length; k += 3) {
       const x = p[k], y = p[k + 1], z = p[k + 2], q = m[3] * x + m[7] * y + m[11] * z + m[15];
@@ -236,7 +216,7 @@ export class CloudView {
       const dx = ((m[0] * x + m[4] * y + m[8] * z + m[12]) / q - px) * w, dy = ((m[1] * x + m[5] * y + m[9] * z + m[13]) / q - py) * h;
       const score = Math.hypot(dx, dy) + 1e-3 * q;
       if (score - 1e-3 * q < 12 && (best === null || score < bestScore)) {
-        if (planes.length && planes[0].distanceToPoint(new THREE.Vector3(x, y, z)) < 0) continue;
+        if (this.limit && p[k + this.limit.axis] > this.limit.at) continue;
         best = [x, y, z];
         bestScore = score;
       }
@@ -246,13 +226,7 @@ export class CloudView {
 
   /// Marks for picked points, joined by a line.
   mark(places) {
-    while (this.marks.children.length) this.marks.remove(this.marks.children[0]);
-    if (places.length) {
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute('position', new THREE.BufferAttribute(Float32Array.from(places.flatMap((p) => p.map((v, i) => v - this.centre[i]))), 3));
-      this.marks.add(new THREE.Points(geometry, new THREE.PointsMaterial({size: 10, sizeAttenuation: false, color: 0xffffff, depthTest: false})));
-      if (places.length === 2) this.marks.add(new THREE.Line(geometry, new THREE.LineBasicMaterial({color: 0xffffff, depthTest: false})));
-    }
+    this.surface.setMarks(Float32Array.from(places.flatMap((p) => p.map((v, i) => v - this.centre[i]))));
     this.refresh();
   }
 }
