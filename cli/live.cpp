@@ -1,11 +1,10 @@
 // fringecal live: the aid for focusing and setting the light, in the terminal.
 #include "cli/commands.h"
 #include "cli/interrupt.h"
+#include "cli/live_line.h"
 #include "core/error.h"
-#include "core/value.h"
 #include "hw/light_on.h"
 #include "hw/live_figures.h"
-#include "hw/live_picture.h"
 #include "hw/open_plc.h"
 #include "hw/scanner_file.h"
 
@@ -22,6 +21,15 @@
 
 namespace fringecal::cli {
 namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// Twenty looks a second are more than a hand on a focus ring follows; other programs get the rest of the processor.
+constexpr std::chrono::milliseconds kPeriod{50}, kBreath{1};
+
+double ms_between(Clock::time_point from, Clock::time_point to) {
+  return std::chrono::duration<double, std::milli>(to - from).count();
+}
 
 struct Options {
   std::string scanner, camera, pixel_format = "Mono8";
@@ -61,20 +69,6 @@ void show(const hw::LiveFigures& f, double rate_hz, double best_sharpness, bool 
   std::fflush(stdout);
 }
 
-/// RFC 4648, section 4.
-std::string base64(const std::vector<std::uint8_t>& bytes) {
-  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t n = std::min<std::size_t>(3, bytes.size() - i);
-    unsigned group = 0;
-    for (std::size_t k = 0; k < 3; ++k) group = group << 8 | (k < n ? bytes[i + k] : 0u);
-    for (std::size_t k = 0; k < 4; ++k) out += k <= n ? kDigits[group >> (18 - 6 * k) & 63] : '=';
-  }
-  return out;
-}
-
 void run(const Options& o) {
   const Interrupt interrupt;
   hw::AravisCameraOptions camera_options{.address = o.camera, .pixel_format = o.pixel_format};
@@ -100,7 +94,6 @@ void run(const Options& o) {
   std::optional<hw::LightOn> light;
   if (plc) light.emplace(*plc, static_cast<std::uint16_t>(*o.pattern), lamp_level);
 
-  using Clock = std::chrono::steady_clock;
   const bool terminal = isatty(STDOUT_FILENO) && !o.json;
   const int saturation = (1 << camera.identity().bits) - 1;
   const auto limit = std::chrono::milliseconds(static_cast<int>(1000 + camera.exposure_ms()));
@@ -108,6 +101,7 @@ void run(const Options& o) {
   auto last = Clock::now();
   int lost = 0;
   for (int shown = 0; !interrupt.token().stop_requested() && (o.frames == 0 || shown < o.frames);) {
+    const auto asked = Clock::now();
     if (light) light->feed();
     hw::CameraFrame frame;
     try {
@@ -117,32 +111,24 @@ void run(const Options& o) {
       throw;
     }
     lost = 0;
+    const auto came = Clock::now();
     const hw::LiveFigures f = hw::live_figures(frame.image, saturation);
     best = std::max(best, f.sharpness);
     const auto now = Clock::now();
     const double rate_hz = 1.0 / std::chrono::duration<double>(now - last).count();
     last = now;
     if (o.json) {
-      Value line = Value::object()
-                       .set("level", f.level)
-                       .set("mean", f.mean)
-                       .set("saturated", f.saturated)
-                       .set("sharpness", f.sharpness)
-                       .set("rate_hz", rate_hz)
-                       .set("histogram", Value::numbers(f.histogram));
-      if (f.modulation) line.set("modulation", *f.modulation);
-      if (o.picture_px) {
-        const Image8 picture = hw::live_picture(frame.image, saturation, *o.picture_px);
-        line.set("width_px", picture.width()).set("height_px", picture.height());
-        line.set("grey_base64", base64(picture.values()));
-      }
+      Value line = to_value(f);
+      line.set("rate_hz", rate_hz).set("frame_ms", ms_between(asked, came)).set("figures_ms", ms_between(came, now));
+      if (o.picture_px) add_picture(line, frame.image, saturation, *o.picture_px);
       fmt::print("{}", to_json(line));
       std::fflush(stdout);
     } else {
       show(f, rate_hz, best, terminal, shown == 0);
     }
     ++shown;
-    interrupt.wait(std::chrono::milliseconds(20));
+    interrupt.wait(
+        std::max(kBreath, std::chrono::duration_cast<std::chrono::milliseconds>(asked + kPeriod - Clock::now())));
   }
 }
 

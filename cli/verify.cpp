@@ -219,6 +219,8 @@ void verify(const Options& o) {
     source.instrument->befall(injection.faults, injection.room_degC);
     alter_certificate(injection, source.gauges);
   }
+  // First: whoever watches draws the artefacts from it.
+  if (source.instrument) write_atomically(folder / "artefacts.toml", metrology::to_toml(source.gauges));
   double captures = 0;
   for (const auto& series : plan.series) captures += series.captures;
   Progress progress(captures);
@@ -281,7 +283,6 @@ void verify(const Options& o) {
   v.provenance.inputs.emplace_back("scanner", v.scanner_file_sha256);
   const Value record = metrology::to_value(v);
   write_atomically(folder / "verification.json", to_json(record));
-  if (source.instrument) write_atomically(folder / "artefacts.toml", metrology::to_toml(source.gauges));
   if (!o.history.empty()) {
     const auto entry =
         metrology::History(o.history, metrology::History::Access::write).append("verification", record, v.ended);

@@ -1,5 +1,6 @@
 #include "cli/serve/live_feed.h"
 
+#include "cli/serve/capture_watch.h"
 #include "cli/serve/state_feed.h"
 #include "cli/virtual_child.h"
 #include "core/error.h"
@@ -148,20 +149,35 @@ void LiveFeed::tell(std::string event) {
   changed_.notify_all();
 }
 
+bool LiveFeed::watched() {
+  const std::lock_guard hold(mutex_);
+  return watchers_ > 0;
+}
+
+void LiveFeed::show_camera(const std::stop_token& stop) {
+  LiveChild child(workbench_, jobs_.folder());
+  while (!stop.stop_requested() && watched()) {
+    auto document = child.next();
+    if (!document) return tell(event_of("trouble", child.last_words()));
+    if (!document->empty()) tell(event_of("live", *document));
+  }
+}
+
+void LiveFeed::show_job(const std::stop_token& stop) {
+  tell(event_of("job", ""));
+  CaptureWatch capture(workbench_.commissioning());
+  while (!stop.stop_requested() && watched() && jobs_.running()) {
+    if (const auto document = capture.next(kPictureWidth)) tell(event_of("live", *document));
+    std::this_thread::sleep_for(CaptureWatch::kPeriod);
+  }
+}
+
 void LiveFeed::read(const std::stop_token& stop) {
   try {
-    LiveChild child(workbench_, jobs_.folder());
-    while (!stop.stop_requested()) {
-      {
-        const std::lock_guard hold(mutex_);
-        if (watchers_ == 0) break;
-      }
-      auto document = child.next();
-      if (!document) {
-        tell(event_of("trouble", child.last_words()));
-        break;
-      }
-      if (!document->empty()) tell(event_of("live", *document));
+    if (jobs_.running()) {
+      show_job(stop);
+    } else {
+      show_camera(stop);
     }
   } catch (const std::exception& e) {
     tell(event_of("trouble", e.what()));
@@ -182,15 +198,16 @@ void LiveFeed::begin() {
   reader_ = std::jthread([this](const std::stop_token& stop) { read(stop); });
 }
 
-void LiveFeed::end() {
+void LiveFeed::give_way(const std::function<void()>& action) {
   const std::lock_guard one(starting_);
-  if (!reader_.joinable()) return;
-  reader_.request_stop();
-  reader_.join();
+  if (reader_.joinable()) {
+    reader_.request_stop();
+    reader_.join();
+  }
+  action();
 }
 
 std::function<std::optional<std::string>()> LiveFeed::events() {
-  if (jobs_.running()) throw InputError("A job has the camera; the picture is free again when it has ended.");
   auto watcher = std::make_shared<Watcher>(*this);
   begin();
   return [this, watcher]() -> std::optional<std::string> {

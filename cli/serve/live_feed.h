@@ -1,5 +1,7 @@
 // The camera's picture for everybody who watches: `fringecal live` as a child, as long as somebody does and no job runs.
 // With FOLDER/scanner.toml it is that scanner; without, the virtual one of the commissioning, served for the time.
+// While a job runs the camera is the job's: shown are the frames that it saves (capture_watch.h). When a job begins or
+// ends the streams end, and a browser that asks again sees the other one.
 #pragma once
 
 #include "cli/serve/jobs.h"
@@ -20,16 +22,22 @@ class LiveFeed {
  public:
   LiveFeed(const Workbench& workbench, const Jobs& jobs) : workbench_(workbench), jobs_(jobs) {}
   ~LiveFeed() { end(); }
-  /// For HttpResponse::events: "live" with the JSON of `fringecal live --json --picture`, or "trouble" with a sentence,
-  /// and then the end.
+  /// For HttpResponse::events: "job" where the pictures will be a job's, "live" with the JSON of `fringecal live --json
+  /// --picture`, or "trouble" with a sentence, and then the end.
   std::function<std::optional<std::string>()> events();
-  /// Gives the camera back: when it returns, lamp and stage are as `live` leaves them.
-  void end();
+  void end() {
+    give_way([] {});
+  }
+  /// Gives the camera back (lamp and stage are as `live` leaves them), and does not take it until `action` has returned.
+  void give_way(const std::function<void()>& action);
 
  private:
   struct Watcher;
   void begin();
   void read(const std::stop_token& stop);
+  void show_camera(const std::stop_token& stop);
+  void show_job(const std::stop_token& stop);
+  bool watched();
   void tell(std::string event);
 
   const Workbench& workbench_;

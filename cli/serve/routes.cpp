@@ -14,6 +14,10 @@ namespace {
 
 HttpResponse json(const Value& value) { return {.body = to_json(value)}; }
 
+HttpResponse binary(const std::filesystem::path& file) {
+  return {.type = "application/octet-stream", .body = read_bytes(file)};
+}
+
 HttpResponse refused(int status, const std::string& sentence) {
   return {.status = status, .body = to_json(Value::object().set("sentence", sentence))};
 }
@@ -60,6 +64,10 @@ HttpResponse get(const HttpRequest& request, Rooms r) {
   if (path == "/api/alignment") return json(r.workbench.alignment());
   if (path == "/api/calibration") return json(r.workbench.calibration());
   if (path == "/api/verification") return json(r.workbench.verification(asked(request, "name")));
+  if (path == "/api/verification/space") return json(r.workbench.verification_space(asked(request, "name")));
+  if (path == "/api/verification/cloud") {
+    return binary(r.workbench.verification_cloud(asked(request, "name"), asked(request, "cloud")));
+  }
   if (path == "/api/plans") return json(r.workbench.plans());
   if (path == "/api/history") return json(r.workbench.history_list());
   if (path == "/api/history/entry") return json(r.workbench.history_entry(number(asked(request, "number"))));
@@ -67,9 +75,7 @@ HttpResponse get(const HttpRequest& request, Rooms r) {
     return json(r.workbench.history_chart(asked(request, "symbol"), asked(request, "artefact")));
   }
   if (path == "/api/clouds") return json(r.workbench.clouds());
-  if (path == "/api/cloud") {
-    return {.type = "application/octet-stream", .body = read_bytes(r.workbench.cloud_file(asked(request, "name")))};
-  }
+  if (path == "/api/cloud") return binary(r.workbench.cloud_file(asked(request, "name")));
   if (path == "/api/certificates") return json(r.workbench.certificates());
   if (path == "/certificate") {
     return document(r.workbench.certificate_file(asked(request, "folder"), asked(request, "file")),
@@ -87,9 +93,9 @@ HttpResponse post(const HttpRequest& request, Rooms r) {
   }
   if (request.path == "/api/job/start") {
     const auto words = r.workbench.command(body);
-    if (!r.jobs.running()) r.live.end();  // the job needs the camera
-    if (!r.jobs.start(words))
-      return refused(409, "A job is running on this folder already; wait for its end or stop it.");
+    bool started = false;
+    if (!r.jobs.running()) r.live.give_way([&] { started = r.jobs.start(words); });  // the job needs the camera
+    if (!started) return refused(409, "A job is running on this folder already; wait for its end or stop it.");
     return {.status = 202, .body = to_json(r.jobs.state())};
   }
   if (request.path == "/api/job/stop") {

@@ -236,11 +236,24 @@ Value Workbench::calibration() const {
   return out;
 }
 
-Value Workbench::verification(const std::string& name) const {
+fs::path Workbench::verification_folder(const std::string& name) const {
   const auto names = names_in(folder_);
   if (!name.starts_with("verification") || std::find(names.begin(), names.end(), name) == names.end()) {
     throw InputError(fmt::format("there is no verification \"{}\"", name));
   }
+  return folder_ / name;
+}
+
+std::string Workbench::plan_of(const std::string& name) const {
+  const fs::path file = verification_folder(name) / "verification.json";
+  std::string plan = plan_in(name);
+  if (there(file)) plan = metrology::verification_from(cached(file), file.string()).plan;
+  if (plan.empty()) throw InputError(fmt::format("the plan of \"{}\" is not known", name));
+  return plan;
+}
+
+Value Workbench::verification(const std::string& name) const {
+  verification_folder(name);
   Value captures = Value::array();
   for (const auto& capture : names_in(folder_ / name / "captures")) captures.append(fs::path(capture).stem().string());
   Value out = Value::object().set("name", name).set("captures", captures);

@@ -36,6 +36,12 @@ class Workbench {
   Value calibration() const;
   /// The record of one verification of the list, or its captures so far. Throws InputError.
   Value verification(const std::string& name) const;
+  /// The same in space: {camera, code: outlines of the fields; positions: [{capture, artefacts: [{name, place, lines?}],
+  /// fits?}]}, all lines as x, y, z of one point after the other, frame world, mm. A position with `fits` is done. Throws
+  /// InputError.
+  Value verification_space(const std::string& name) const;
+  /// A residual cloud of it. Throws InputError.
+  std::filesystem::path verification_cloud(const std::string& name, const std::string& cloud) const;
   Value plans() const;
   /// Entries and the quantities that have a chart.
   Value history_list() const;
@@ -55,6 +61,9 @@ class Workbench {
  private:
   Value commissioning_state(Value& trouble) const;
   Value verifications(Value& trouble) const;
+  std::filesystem::path verification_folder(const std::string& name) const;
+  /// Of a verification: from its record, or from the folder's name that this page gave it. Throws InputError.
+  std::string plan_of(const std::string& name) const;
   std::vector<std::string> commission_command(const Value& request) const;
   std::vector<std::string> verify_command(const Value& request) const;
   std::vector<std::string> measure_command(const Value& request) const;

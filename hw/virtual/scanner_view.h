@@ -9,7 +9,8 @@
 //
 // The geometry of a scene takes longer than a picture. A thread of its own looks at the registers and computes it as
 // soon as a scene is selected, and the picture of the next pattern while the last one is under way; the stage does not
-// arrive before the scene is there. That changes when things are computed, not what.
+// arrive before the scene is there. A picture that is asked for again at once (a live view) is the one of before. That
+// changes when things are computed, not what.
 // A scene that the instrument does not have (calibration 99) is an empty one.
 #pragma once
 
@@ -70,7 +71,7 @@ class ScannerView {
   std::pair<SceneKey, std::shared_ptr<const SeenScene>> seen_;
   std::condition_variable_any changed_;
   std::optional<Request> wanted_, under_way_;  // the next picture, by the thread
-  std::optional<std::pair<Request, GrayImage>> ready_;
+  std::optional<std::pair<Request, GrayImage>> ready_, last_;  // computed ahead; handed out last
   std::jthread ahead_;
 };
 

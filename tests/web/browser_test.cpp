@@ -9,6 +9,7 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
@@ -31,6 +32,10 @@ const char* const kWatch =
     "document.addEventListener('securitypolicyviolation', e => faults.push(e.violatedDirective + ' ' + e.blockedURI)); "
     "return 1;";
 
+double number_of(const Value& value) {
+  return value.if_real() ? *value.if_real() : static_cast<double>(*value.if_integer());
+}
+
 std::string faults(Browser& browser) { return browser.text("return window.faults.join('; ');"); }
 
 TEST(Page, IsPaintedInHalfASecondAndAsksForNothingFromElsewhere) {
@@ -46,8 +51,8 @@ TEST(Page, IsPaintedInHalfASecondAndAsksForNothingFromElsewhere) {
     browser.open("http://" + served.host() + "/");
     ASSERT_TRUE(browser.wait_for("document.getElementById('next')", 30));
     ASSERT_TRUE(browser.wait_for("performance.getEntriesByName('first-contentful-paint').length", 30));
-    const Value paint = browser.evaluate("return performance.getEntriesByName('first-contentful-paint')[0].startTime;");
-    ms = std::min(ms, paint.if_real() ? *paint.if_real() : static_cast<double>(*paint.if_integer()));
+    ms = std::min(
+        ms, number_of(browser.evaluate("return performance.getEntriesByName('first-contentful-paint')[0].startTime;")));
   }
   std::printf("first contentful paint after %.0f ms\n", ms);
   EXPECT_LT(ms, 500);
@@ -67,8 +72,13 @@ TEST(Page, ShowsTheVirtualCamerasPictureAndItsFigures) {
   browser.click("#live");
   ASSERT_TRUE(browser.wait_for("document.getElementById('sharpness')", 60))
       << browser.text("return document.querySelector('main').innerText;");
-  browser.evaluate("await new Promise(r => setTimeout(r, 3000)); return 1;");
-  std::printf("%s pictures per second\n", browser.text("return document.getElementById('rate').textContent;").c_str());
+  // The best two seconds of at most eight: what the path can do, not what else the machine does at the moment.
+  const double rate = number_of(browser.evaluate(
+      "let best = 0; for (let i = 0; i < 40 && best < 10; ++i) { await new Promise(r => setTimeout(r, 200));"
+      "if (i >= 10) best = Math.max(best, parseFloat(document.getElementById('rate').textContent)); } return best;"));
+  std::printf("%.1f pictures per second, %s ms each in the page\n", rate,
+              browser.text("return document.querySelector('canvas').dataset.ms;").c_str());
+  EXPECT_GE(rate, 10);
   // Not one grey: fringes on spheres are bright and dark.
   const Value spread = browser.evaluate(
       "const c = document.querySelector('canvas'), d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;"
@@ -111,18 +121,35 @@ TEST(Page, EveryPageShowsInBothLanguagesAndThemesWithoutAFault) {
   EXPECT_EQ(faults(browser), "");
 }
 
-/// A plane of 60 x 60 points 1 mm apart, three of which stand 5 mm off.
+/// A plane of 60 x 60 points 1 mm apart, three of which stand 5 mm off; as any other program would write it.
 std::string cloud_with_three_outliers() {
   std::string out =
       "ply\nformat ascii 1.0\nelement vertex 3600\nproperty double x\nproperty double y\nproperty double z\n"
-      "property ushort pixel_x\nproperty ushort pixel_y\nend_header\n";
+      "end_header\n";
   for (int y = 0; y < 60; ++y) {
     for (int x = 0; x < 60; ++x) {
       const bool off = (x == 20 && y == 20) || (x == 40 && y == 20) || (x == 30 && y == 45);
       // Heights between 0 and 0.06 mm without a pattern: an outlier filter needs something that is usual.
       const double z = off ? 5 : 0.01 * ((x * 7 + y * 11 + x * y) % 7);
-      out += std::to_string(x) + " " + std::to_string(y) + " " + std::to_string(z) + " " + std::to_string(x) + " " +
-             std::to_string(y) + "\n";
+      out += std::to_string(x) + " " + std::to_string(y) + " " + std::to_string(z) + "\n";
+    }
+  }
+  return out;
+}
+
+/// A wavy surface of 1400 x 1000 points as a binary PLY.
+std::string large_cloud() {
+  constexpr int kColumns = 1400, kRows = 1000;
+  std::string out =
+      "ply\nformat binary_little_endian 1.0\nelement vertex 1400000\nproperty float x\nproperty float y\nproperty "
+      "float "
+      "z\nend_header\n";
+  out.reserve(out.size() + 12 * kColumns * kRows);
+  for (int y = 0; y < kRows; ++y) {
+    for (int x = 0; x < kColumns; ++x) {
+      const float point[] = {0.5f * static_cast<float>(x), 0.5f * static_cast<float>(y),
+                             20 * std::sin(0.01f * static_cast<float>(x)) * std::cos(0.01f * static_cast<float>(y))};
+      out.append(reinterpret_cast<const char*>(point), sizeof point);
     }
   }
   return out;
@@ -139,6 +166,7 @@ TEST(Page, ACloudIsShownFilteredMeasuredAndCut) {
   browser.open(served.address());
   ASSERT_TRUE(browser.wait_for("document.getElementById('next')", 30));
   browser.evaluate(kWatch);
+  browser.evaluate("localStorage.setItem('fringecal.drawing', 'webgl'); return 1;");
   browser.evaluate("location.hash = '#/cloud'; return 1;");
   const auto said = [&] { return browser.text("return document.querySelector('main').innerText;"); };
   ASSERT_TRUE(browser.wait_for("document.getElementById('shown')?.textContent.startsWith('3,600 of 3,600')", 60))
@@ -152,6 +180,91 @@ TEST(Page, ACloudIsShownFilteredMeasuredAndCut) {
       "const c = document.querySelector('canvas'), key = k => c.dispatchEvent(new KeyboardEvent('keydown', {key: k}));"
       "key('Enter'); for (let i = 0; i < 5; ++i) key('ArrowLeft'); key('Enter'); return 1;");
   EXPECT_TRUE(browser.wait_for("/ mm \\(ΔX/.test(document.querySelector('main').innerText)", 20)) << said();
+  EXPECT_EQ(faults(browser), "");
+}
+
+/// Turned for seconds, drawn by software: the number of points follows the time that a frame takes. At rest all are there.
+TEST(Page, ACloudOf1400000PointsTurnsSmoothlyWithoutAGraphicsProcessor) {
+  NEEDS_BROWSER();
+  if (!fs::exists("/usr/share/javascript/three/build/three.module.js")) GTEST_SKIP() << "libjs-three is not installed";
+  const ScratchFolder folder;
+  fs::create_directories(folder / "clouds");
+  folder.write("clouds/large.ply", large_cloud());
+  Served served(folder.path());
+  Browser browser;
+  browser.open(served.address());
+  ASSERT_TRUE(browser.wait_for("document.getElementById('next')", 30));
+  browser.evaluate(kWatch);
+  browser.evaluate("location.hash = '#/cloud'; return 1;");
+  ASSERT_TRUE(browser.wait_for("document.getElementById('shown')?.textContent.startsWith('1,400,000 of')", 60));
+  // Half a second each, turned a little before every frame; the first ones are for the budget to settle.
+  const Value rates = browser.evaluate(
+      "const c = document.querySelector('canvas'), out = [];"
+      "for (let i = 0; i < 8; ++i) { const from = Number(c.dataset.frames), begin = performance.now(); let most = 0;"
+      "while (performance.now() - begin < 500) { c.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowLeft'}));"
+      "await new Promise(requestAnimationFrame); }"
+      "out.push(1000 * (Number(c.dataset.frames) - from) / (performance.now() - begin)); }"
+      "return {rates: out, shown: document.getElementById('shown').textContent};");
+  double best = 0;
+  for (const Value& rate : *rates.find("rates")->if_array()) {
+    std::printf("%.1f ", number_of(rate));
+    best = std::max(best, number_of(rate));
+  }
+  std::printf("frames per second, %s\n", rates.find("shown")->if_text()->c_str());
+  // The best half second: what the page reaches, not what else the machine does at the moment.
+  EXPECT_GE(best, 30);
+  EXPECT_TRUE(browser.wait_for("document.getElementById('shown').textContent.startsWith('1,400,000 of')", 30));
+  EXPECT_EQ(faults(browser), "");
+}
+
+/// A verification of the plan "quick" whose one capture is evaluated: a sphere of 50 mm with 400 points of its cap.
+void write_verification(const ScratchFolder& folder) {
+  const std::string name = "verification-quick-20260101T000000Z/";
+  fs::create_directories(folder / (name + "captures"));
+  fs::create_directories(folder / (name + "clouds"));
+  folder.write(name + "captures/morning-00.json",
+               R"({"schema": "fringecal.capture-result", "schema_version": 1, "capture": 0, "features": [{"artefact":
+"sphere50", "part": 0, "diameter_mm": 49.9987, "u_noise_mm": 0.001, "u_calibration_mm": 0.002, "range_mm": 0.1,
+"shell_95_mm": 0.08, "sd_mm": 0.02, "place_mm": [95.0, 75.0, 0.0], "n_points": 400, "n_rejected": 1}],
+"distances": []})");
+  std::string cloud =
+      "ply\nformat ascii 1.0\nelement vertex 400\nproperty float x\nproperty float y\nproperty float z\nproperty float "
+      "deviation\nproperty uchar rejected\nend_header\n";
+  for (int i = 0; i < 400; ++i) {
+    const double x = i % 20 - 9.5, y = i / 20 - 9.5, off = 0.001 * (i % 41 - 20);
+    const double z = std::sqrt((25 + off) * (25 + off) - x * x - y * y);
+    cloud += std::to_string(95 + x) + " " + std::to_string(75 + y) + " " + std::to_string(z) + " " +
+             std::to_string(off) + " 0\n";
+  }
+  folder.write(name + "clouds/morning-00-1.ply", cloud);
+}
+
+TEST(Page, AVerificationIsShownInSpaceWithItsFits) {
+  NEEDS_BROWSER();
+  if (!fs::exists("/usr/share/javascript/three/build/three.module.js")) GTEST_SKIP() << "libjs-three is not installed";
+  const ScratchFolder folder;
+  write_verification(folder);
+  Served served(folder.path());
+  served.sign_in();
+  EXPECT_EQ(
+      served.get("/api/verification/cloud?name=verification-quick-20260101T000000Z&cloud=../captures/morning-00.json")
+          .status,
+      422);
+  Browser browser;
+  browser.open(served.program().line());  // the next one-time address
+  ASSERT_TRUE(browser.wait_for("document.getElementById('job')", 30));
+  browser.evaluate(kWatch);
+  browser.evaluate("location.hash = '#/verify'; return 1;");
+  EXPECT_TRUE(browser.wait_for("document.getElementById('space')?.dataset.shown === '400'", 60))
+      << browser.text("return document.querySelector('main').innerText;");
+  browser.click(".tiles li.done button");
+  EXPECT_TRUE(browser.wait_for("/sphere50\\s+49.9987 mm/.test(document.querySelector('main').innerText)", 20))
+      << browser.text("return document.querySelector('main').innerText;");
+  // The scale of the map holds all but a fortieth of the 400 deviations of up to 0.020 mm.
+  EXPECT_EQ(
+      browser.text("return document.querySelector('.deviation-scale').innerText.trim().split(/\\s+/).pop() + ' ' +"
+                   "document.querySelector('.deviation-scale').lastElementChild.textContent;"),
+      "mm 0.020 mm");
   EXPECT_EQ(faults(browser), "");
 }
 

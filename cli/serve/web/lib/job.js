@@ -1,7 +1,7 @@
 // The job that runs, at the foot of every page, and buttons that start one.
 import {el, replace, say} from './dom.js';
 import {minutes, progressText, t} from './texts.js';
-import {newest, post} from './server.js';
+import {post} from './server.js';
 
 const foot = document.getElementById('job');
 let shown = '', parts = null;
@@ -57,8 +57,6 @@ export function showJob(state) {
     parts.lines.scrollTop = parts.lines.scrollHeight;
   }
 }
-
-export const running = () => newest()?.job.state === 'running';
 
 /// Starts a command; what the server says against it appears in `answer`.
 export async function start(request, answer) {

@@ -3,8 +3,6 @@
 let state = null;
 const watchers = new Set();
 
-export const newest = () => state;
-
 /// Calls back with every new state, and at once where there is one. Returns how to stop that.
 export function watch(callback) {
   watchers.add(callback);

@@ -4,7 +4,7 @@ import {number, t} from '../lib/texts.js';
 import {get, watch} from '../lib/server.js';
 import {start} from '../lib/job.js';
 import {parsePly, writePly} from '../lib/ply.js';
-import {hasPixels, planeDeviation, smoothed, withoutOutliers} from '../lib/cloud_filters.js';
+import {planeDeviation, smoothed, withoutOutliers} from '../lib/cloud_filters.js';
 
 const kAxes = ['x', 'y', 'z'];
 const kColours = {height: 'z', uncertainty: 'u_mm', quality: 'modulation'};
@@ -56,6 +56,14 @@ export function show(main) {
       message.textContent = text;
       paint(colour.value);
     };
+    /// One at a time; what was asked of a cloud that is gone by then is dropped.
+    const filter = async (work) => {
+      const mine = cloud, buttons = panel.querySelectorAll('button');
+      for (const b of buttons) b.disabled = true;
+      const apply = await work((share) => { message.textContent = t('cloud.working', {percent: number(100 * share, 0)}); });
+      for (const b of buttons) b.disabled = false;
+      if (!ended && mine === cloud) apply();
+    };
     replace(panel,
       el('label', t('cloud.colour'), colour),
       el('label', t('cloud.section'), axis), cut,
@@ -67,14 +75,16 @@ export function show(main) {
           const next = kept.filter((i) => kAxes.every((a, k) => cloud.columns[a][i] >= limits[k][0] && cloud.columns[a][i] <= limits[k][1]));
           if (next.length) change(next, t('cloud.removed', {n: number(before - next.length, 0)}));
         }, 'crop')),
-      hasPixels(cloud) && el('div.row', button(t('cloud.outliers'), () => {
-        const before = kept.length, next = withoutOutliers(cloud, kept);
-        if (next.length) change(next, t('cloud.removed', {n: number(before - next.length, 0)}));
-      }, 'outliers'), button(t('cloud.smooth'), () => {
-        const {z, rms} = smoothed(cloud, kept);
-        cloud = {...cloud, columns: {...cloud.columns, z}};
-        change(kept, t('cloud.smoothed', {n: number(kept.length, 0), rms: number(rms, 4)}));
-      }, 'smooth')),
+      el('div.row', button(t('cloud.outliers'), () => filter(async (share) => {
+        const before = kept.length, next = await withoutOutliers(cloud, kept, share);
+        return () => next.length && change(next, t('cloud.removed', {n: number(before - next.length, 0)}));
+      }), 'outliers'), button(t('cloud.smooth'), () => filter(async (share) => {
+        const {columns, moved, rms} = await smoothed(cloud, kept, share);
+        return () => {
+          cloud = {...cloud, columns};
+          change(kept, t('cloud.smoothed', {n: number(moved, 0), rms: number(rms, 4)}));
+        };
+      }), 'smooth')),
       el('div.row', button(t('cloud.uncrop'), () => open(name, cloud.buffer)), button(t('cloud.save'), () => {
         const link = el('a', {href: URL.createObjectURL(writePly(cloud, kept)), download: name.replace(/(\.ply)?$/i, '-edited.ply')});
         link.click();

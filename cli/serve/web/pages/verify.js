@@ -3,6 +3,7 @@ import {el, replace, svg, table} from '../lib/dom.js';
 import {number, plusMinus, t, when} from '../lib/texts.js';
 import {get, watch} from '../lib/server.js';
 import {start} from '../lib/job.js';
+import {SpaceView} from '../lib/space_view.js';
 
 const kKinds = {pass: 'good', fail: 'bad'};
 const badge = (verdict) => el(`span.state.${kKinds[verdict] ?? 'open'}`, t(`verdict.${verdict ?? 'none'}`));
@@ -27,27 +28,32 @@ function limits(q) {
   return q.lower_limit !== undefined ? `≥ ${number(q.lower_limit)}` : '–';
 }
 
-function results(record) {
+function resultTable(record) {
   const head = [{text: t('verify.quantity')}, {text: t('verify.artefact')}, {text: t('verify.position')}, {text: t('verify.value'), numeric: true},
     {text: t('verify.limits'), numeric: true}, {text: t('verify.picture')}, {text: t('verify.verdict')}];
   return table(head, record.quantities.map((q) => [`${q.symbol} · ${q.name}`, q.artefact, q.position, `${plusMinus(q.value, q.uncertainty.U)} ${q.unit}`,
     limits(q), bar(q), q.judgement ? badge(q.judgement.verdict) : '–']), t('verify.results'));
 }
 
-function progress(v, plans, captures) {
-  const plan = plans.find((p) => p.name === v.plan);
-  if (!plan) return [];
-  return plan.series.map((s) => el('div', el('h3.small', `${s.scene}: ${s.artefacts.join(', ')}`),
-    el('ul.tiles', Array.from({length: s.captures}, (_, i) => {
-      const done = captures.includes(`${s.scene}-${String(i).padStart(2, '0')}`);
-      return el(done ? 'li.done' : 'li', {'aria-label': t(done ? 'verify.capture.done' : 'verify.capture.missing', {n: i})}, done ? `✓ ${i}` : String(i));
-    }))));
+/// What is known of one position: its fits, and the quantities that rest on it alone.
+function positionDetail(position, record) {
+  if (!position) return el('p.soft', t('space.choose'));
+  if (!position.fits) return el('p.soft', t('space.missing', {n: position.number}));
+  const rows = position.fits.map((f) => [f.part ? `${f.artefact} (${f.part + 1})` : f.artefact,
+    f.diameter_mm === undefined ? '–' : `${number(f.diameter_mm, 4)} mm`, number(1000 * f.sd_mm, 1), number(1000 * f.shell_95_mm, 1), number(f.n_points, 0), number(f.n_rejected, 0)]);
+  const fits = table([{text: t('verify.artefact')}, {text: t('space.diameter'), numeric: true}, {text: t('space.sd'), numeric: true}, {text: t('space.shell'), numeric: true},
+    {text: t('space.points'), numeric: true}, {text: t('space.rejected'), numeric: true}], rows, t('space.fits'));
+  const names = position.fits.map((f) => f.artefact);
+  const own = (record?.quantities ?? []).filter((q) => q.position === String(position.number) && names.includes(q.artefact));
+  return el('div', el('h3', `${position.scene} ${position.number}`), fits, own.map((q) => el('div.quantity', el('p', `${q.symbol} ${q.artefact}: ${plusMinus(q.value, q.uncertainty.U)} ${q.unit}, `,
+    `${t('verify.limits')} ${limits(q)} `, q.judgement && badge(q.judgement.verdict)), bar(q))));
 }
 
 export function show(main) {
-  const begin = el('section.card'), list = el('section.card'), detail = el('div'), answer = el('p.trouble', {role: 'alert'});
-  replace(main, el('h1', t('nav.verify')), begin, list, detail);
-  let plans = [], key, chosen = null;
+  const begin = el('section.card'), list = el('section.card'), detail = el('div.stack'), answer = el('p.trouble', {role: 'alert'});
+  const words = el('section.card'), beside = el('div.panel.card'), results = el('section.card', {hidden: true});
+  replace(main, el('h1', t('nav.verify')), begin, detail, list);
+  let plans = [], key, chosen = null, space = null, record = null;
   const drawDetail = async (state) => {
     const v = state.verifications.find((one) => one.name === chosen) ?? state.verifications.at(-1);
     if (!v) {
@@ -55,10 +61,20 @@ export function show(main) {
       return;
     }
     chosen = v.name;
-    const data = await get(`/api/verification?name=${encodeURIComponent(v.name)}`);
-    replace(detail, el('section.card', el('h2', v.name), el('p.figure', v.ended ? badge(v.verdict) : t('verify.captures', {done: v.done, of: v.planned})),
-      v.ended && el('p.soft', `${when(v.ended)} · ${data.record.scanner} · ${data.record.plan_source}`),
-      progress(v, plans, data.captures), data.record ? results(data.record) : null));
+    ({record} = await get(`/api/verification?name=${encodeURIComponent(v.name)}`));
+    replace(words, el('h2', v.name), el('p.figure', v.ended ? badge(v.verdict) : t('verify.captures', {done: v.done, of: v.planned})),
+      v.ended && record && el('p.soft', `${when(v.ended)} · ${record.scanner} · ${record.plan_source}`));
+    results.hidden = !record;
+    replace(results, record && resultTable(record));
+    if (space?.name !== v.name) {
+      space?.end();
+      const place = el('div');
+      space = new SpaceView(v.name, (position) => replace(place, positionDetail(position, record)));
+      replace(place, positionDetail(null));
+      replace(beside, el('h2', t('space.positions')), space.tiles, place);
+      replace(detail, words, el('div.view.space', space.node, beside), results);
+    }
+    await space.update().catch((error) => { space.trouble.textContent = error.message; });
   };
   const drawList = (state) => {
     const plan = el('select', {id: 'plan'}, plans.map((p) => el('option', {value: p.name, selected: p.name === 'quick'}, `${p.name}: ${p.title} (${p.captures})`)));
@@ -73,7 +89,7 @@ export function show(main) {
       }}, v.name), v.plan, v.ended ? when(v.ended) : t('verify.captures', {done: v.done, of: v.planned}), v.ended ? badge(v.verdict) : t('home.under.way')]), t('verify.done')) : el('p.soft', t('verify.none')));
   };
   const ready = get('/api/plans').then((all) => { plans = all; });
-  return watch(async (state) => {
+  const unwatch = watch(async (state) => {
     await ready;
     const now = JSON.stringify([state.verifications, state.job.state, state.commissioning.report?.date, document.documentElement.lang]);
     if (now === key) return;
@@ -81,4 +97,8 @@ export function show(main) {
     await drawDetail(state).catch((error) => replace(detail, el('p.trouble', error.message)));
     drawList(state);
   });
+  return () => {
+    unwatch();
+    space?.end();
+  };
 }
