@@ -31,7 +31,7 @@ metrology::Baseline virtual_baseline(const VirtualVerification& instrument, cons
                                      const model::Scanner& scanner) {
   const auto& series = plan.series.front();
   constexpr int kPlaceOfBaseline = 9000;  // no daily check has this number
-  const Capture capture = instrument.capture(plan.name, series.scene, kPlaceOfBaseline);
+  const Capture capture = instrument.capture(plan.name, fmt::format("{} {}", series.scene, kPlaceOfBaseline));
   const auto cloud = cloud_of(capture, scanner);
   auto baseline = metrology::baseline_of({cloud, scanner, gauges_in(series, instrument.gauges()), room_of(capture)});
   if (!baseline) throw InputError(fmt::format("baseline: {}", baseline.error().sentence));

@@ -70,7 +70,7 @@ void export_csv(const Options& o) {
     for (const auto& q : v.quantities) {
       out += fmt::format("{},{},{},{},{},{},{},{},{},{},{},{},{},{}\n", e.number, v.ended, csv_field(v.plan),
                          csv_field(v.scanner), csv_field(q.symbol), csv_field(q.artefact), csv_field(q.position),
-                         q.unit, q.value, q.uncertainty.u, q.uncertainty.U, q.uncertainty.k,
+                         q.unit, q.value, q.uncertainty.u, q.uncertainty.U, fmt::format("{:.4g}", q.uncertainty.k),
                          q.judgement ? name_of(q.judgement->verdict) : "", e.hash);
     }
   }

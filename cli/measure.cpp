@@ -57,6 +57,8 @@ Value summary_of(const Options& o, const metrology::Reconstruction& result, cons
                            .set("invalid", invalid)
                            .set("edge", result.n_edge)
                            .set("no intersection", result.n_no_intersection)
+                           .set("low modulation, beyond the decoding", result.n_low_modulation)
+                           .set("isolated", result.n_isolated)
                            .set("grazing", result.n_grazing)
                            .set("noisy", result.n_noisy))
       .set("min_mm", Value::numbers(summary.min_mm))
@@ -101,8 +103,11 @@ void measure(Options& o) {
   for (std::size_t i = 1; i < pixels.size(); ++i) {
     fmt::print(" {} {},", decode::name_of(static_cast<decode::Validity>(i)), pixels[i]);
   }
-  fmt::print(" edge {}, no intersection {}, grazing {}, noisy {}\n", result.n_edge, result.n_no_intersection,
-             result.n_grazing, result.n_noisy);
+  if (o.reconstruct.min_modulation > 0) {
+    fmt::print(" modulation below {:g} {},", o.reconstruct.min_modulation, result.n_low_modulation);
+  }
+  fmt::print(" edge {}, no intersection {}, isolated {}, grazing {}, noisy {}\n", result.n_edge,
+             result.n_no_intersection, result.n_isolated, result.n_grazing, result.n_noisy);
 }
 
 }  // namespace
@@ -129,6 +134,17 @@ void add_measure(CLI::App& app) {
           "--max-incidence", o->reconstruct.max_incidence_deg,
           "Leave out points that camera or light see at more than this angle from the normal, degrees (default: none)")
       ->check(CLI::Range(10.0, 89.0));
+  command
+      ->add_option("--min-modulation", o->reconstruct.min_modulation,
+                   "Leave out points of less modulation, grey levels of the capture (the decoding leaves out less than "
+                   "4 of 255)")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command
+      ->add_option("--min-piece", o->reconstruct.min_piece,
+                   "Leave out isolated points: connected pieces of fewer points than this")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
   command
       ->add_option("--edge-margin", o->reconstruct.edge_margin_px,
                    "Leave out pixels this near to a pixel without point or to a jump in depth")

@@ -33,7 +33,9 @@ Value to_value(const metrology::Plan& plan) {
   for (const auto& s : plan.series) {
     Value artefacts = Value::array(), captures = Value::array(), quantities = Value::array();
     for (const auto& name : s.artefacts) artefacts.append(name);
-    for (int i = 0; i < s.captures; ++i) captures.append(metrology::capture_name(s, i));
+    for (int i = 0; i < s.captures; ++i) {
+      for (int view = 0; view < s.views_of_a_capture(); ++view) captures.append(metrology::view_name(s, i, view));
+    }
     for (const auto& q : s.quantities) {
       Value one = Value::object().set("symbol", q.symbol).set("name", q.name);
       if (q.limits && q.limits->lower) one.set("lower_mm", *q.limits->lower);
@@ -67,9 +69,14 @@ void show(const metrology::Plan& plan) {
              metrology::sentence_of(plan.decision_rule));
   for (const auto& line : plan.unchecked) fmt::print("not checked: {}\n", line);
   for (const auto& series : plan.series) {
-    fmt::print("\n{} {} of {}, captures {} .. {}\n", series.captures, series.repeats ? "repeats" : "positions",
-               fmt::join(series.artefacts, ", "), metrology::capture_name(series, 0),
-               metrology::capture_name(series, series.captures - 1));
+    const int views = series.views_of_a_capture();
+    fmt::print("\n{} {} of {}{}, captures {} .. {}\n", series.captures, series.repeats ? "repeats" : "positions",
+               fmt::join(series.artefacts, ", "), series.views ? fmt::format(", {} views each", views) : "",
+               metrology::view_name(series, 0, 0), metrology::view_name(series, series.captures - 1, views - 1));
+    if (series.views) {
+      fmt::print("  on a carrier with reference spheres of {:g} mm, turned for each view\n",
+                 series.views->reference_diameter_mm);
+    }
     for (const auto& q : series.quantities) {
       fmt::print("  {:<18}{:<48}{}{}\n", q.symbol, q.name, limits_of(q.limits), q.limits ? " mm" : "");
     }
@@ -169,14 +176,16 @@ void compare_with(const metrology::Plan& plan, const fs::path& folder) {
   int all = 0, evaluated = 0, captured = 0;
   for (const auto& series : plan.series) {
     for (int i = 0; i < series.captures; ++i) {
-      const std::string name = metrology::capture_name(series, i);
-      ++all;
-      if (fs::exists(folder / "captures" / (name + ".json"))) {
-        ++evaluated;
-      } else if (fs::exists(folder / name / "capture.json")) {
-        ++captured;
-      } else {
-        missing.push_back(name);
+      for (int view = 0; view < series.views_of_a_capture(); ++view) {
+        const std::string name = metrology::view_name(series, i, view);
+        ++all;
+        if (fs::exists(folder / "captures" / (metrology::capture_name(series, i) + ".json"))) {
+          ++evaluated;
+        } else if (fs::exists(folder / name / "capture.json")) {
+          ++captured;
+        } else {
+          missing.push_back(name);
+        }
       }
     }
   }

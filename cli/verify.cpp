@@ -9,6 +9,7 @@
 #include "core/file.h"
 #include "metrology/acceptance.h"
 #include "metrology/history.h"
+#include "metrology/multi_view.h"
 #include "metrology/reconstruct.h"
 #include "reports/number.h"
 
@@ -30,6 +31,7 @@ struct Options {
               baseline, fault;
   std::string commissioning = "commissioning";
   double temperature_degC = 20, u_temperature_degC = 0.2;
+  std::optional<int> run;
   bool on_virtual = false, accept_expired = false, json = false;
 };
 
@@ -40,6 +42,7 @@ struct Source {
   std::string identification;
   std::vector<metrology::Gauge> gauges;
   std::optional<metrology::Baseline> baseline;  // of a plan that diagnoses
+  int run = 1;                                  // of the virtual scanner: which verification this is
 };
 
 Source open_source(const Options& o) {
@@ -51,6 +54,7 @@ Source open_source(const Options& o) {
     s.gauges = o.artefacts.empty() ? s.instrument->gauges() : metrology::read_gauges(o.artefacts);
   } else {
     if (!o.fault.empty()) throw InputError("--fault is for the virtual scanner; add --virtual");
+    if (o.run) throw InputError("--run is for the virtual scanner; add --virtual");
     if (o.captures.empty() || o.scanner.empty() || o.artefacts.empty()) {
       throw InputError("verify: give --captures, --scanner and --artefacts of a real scanner, or --virtual");
     }
@@ -76,9 +80,26 @@ void refuse_expired(const metrology::Plan& plan, const Source& source, const std
   }
 }
 
-Capture capture_of(const metrology::Plan& plan, const metrology::Series& series, int i, const Source& source) {
-  return source.instrument ? source.instrument->capture(plan.name, series.scene, i)
-                           : read_capture(source.captures / metrology::capture_name(series, i));
+/// "turned_bar 3.1", as the virtual scanner names the scene of a view; "probing 3" where a capture is one view.
+std::string scene_of(const metrology::Series& series, int i, int view) {
+  return series.views ? fmt::format("{} {}.{}", series.scene, i, view) : fmt::format("{} {}", series.scene, i);
+}
+
+Capture capture_of(const metrology::Plan& plan, const metrology::Series& series, int i, int view,
+                   const Source& source) {
+  return source.instrument ? source.instrument->capture(plan.name, scene_of(series, i, view), source.run)
+                           : read_capture(source.captures / metrology::view_name(series, i, view));
+}
+
+/// The folders of one capture that are not there.
+std::vector<std::string> missing_of(const metrology::Series& series, int i, const Source& source) {
+  std::vector<std::string> out;
+  if (source.instrument) return out;
+  for (int view = 0; view < series.views_of_a_capture(); ++view) {
+    const std::string name = metrology::view_name(series, i, view);
+    if (!fs::exists(source.captures / name / "capture.json")) out.push_back(name);
+  }
+  return out;
 }
 
 std::string cloud_name(const std::string& capture, std::size_t feature) {
@@ -117,13 +138,19 @@ std::optional<metrology::CaptureResult> result_of(const metrology::Plan& plan, c
   const std::string name = metrology::capture_name(series, i);
   const fs::path file = folder / "captures" / (name + ".json");
   if (fs::exists(file)) return metrology::capture_result_from(read_json(file), file.string());
-  if (!source.instrument && !fs::exists(source.captures / name / "capture.json")) return std::nullopt;
-  const Capture capture = capture_of(plan, series, i, source);
-  const auto cloud = cloud_of(capture, scanner);
-  auto result = metrology::evaluate_capture(plan, series, i, source.gauges, cloud, scanner);
+  if (!missing_of(series, i, source).empty()) return std::nullopt;
+  std::vector<metrology::PointCloud> clouds;
+  std::optional<double> room;
+  for (int view = 0; view < series.views_of_a_capture(); ++view) {
+    const Capture capture = capture_of(plan, series, i, view, source);
+    clouds.push_back(cloud_of(capture, scanner));
+    room = room_of(capture);
+  }
+  auto result = series.views ? metrology::evaluate_views(plan, series, i, source.gauges, clouds, scanner)
+                             : metrology::evaluate_capture(plan, series, i, source.gauges, clouds.front(), scanner);
   if (!result) throw InputError(fmt::format("{}: {}", name, result.error().sentence));
   if (plan.diagnose) {
-    const metrology::Observation observation{cloud, scanner, gauges_in(series, source.gauges), room_of(capture)};
+    const metrology::Observation observation{clouds.front(), scanner, gauges_in(series, source.gauges), room};
     const auto symptoms = metrology::symptoms_of(observation, source.baseline);
     if (!symptoms) throw InputError(fmt::format("{}: {}", name, symptoms.error().sentence));
     write_atomically(folder / kDiagnosis, to_json(metrology::to_value(metrology::diagnose(*symptoms))));
@@ -185,6 +212,40 @@ void take_baseline(const Options& o, const metrology::Plan& plan, const model::S
   }
 }
 
+/// Which verification of the virtual scanner the folder holds: kept there, so that a call that continues measures on.
+int run_of(const Options& o, const metrology::Plan& plan, const Source& source) {
+  const fs::path file = fs::path(o.output) / "run.json";
+  if (fs::exists(file)) {
+    Fields fields(read_json(file), file.string());
+    fields.expect_schema("fringecal.virtual-run", 1);
+    const int run = fields.integer("run");
+    fields.finish();
+    if (o.run && *o.run != run) {
+      throw InputError(
+          fmt::format("{}: the folder holds run {}; give another one for run {}", file.string(), run, *o.run));
+    }
+    return run;
+  }
+  const int run = o.run                                         ? *o.run
+                  : fs::exists(fs::path(o.output) / "captures") ? 1
+                                                                : source.instrument->take_run(plan.name);
+  write_atomically(
+      file, to_json(Value::object().set("schema", "fringecal.virtual-run").set("schema_version", 1).set("run", run)));
+  return run;
+}
+
+/// How well the views of each capture fitted together: the worst of a series.
+void print_joined(const metrology::Series& series, const std::vector<metrology::CaptureResult>& results) {
+  const metrology::CaptureResult* worst = nullptr;
+  for (const auto& r : results) {
+    if (r.joined && (worst == nullptr || r.joined->rms_mm > worst->joined->rms_mm)) worst = &r;
+  }
+  if (worst == nullptr) return;
+  fmt::print("{}: {} views a capture, joined by {} reference spheres that agree within {:.4f} mm rms or better ({})\n",
+             series.scene, worst->joined->views, worst->joined->references, worst->joined->rms_mm,
+             metrology::capture_name(series, worst->capture));
+}
+
 void print_diagnosis(const metrology::Diagnosis& d) {
   fmt::print("\n{}\n", d.sentence);
   fmt::print("  {:<34}{:>12}\n", "healthy", fmt::format("{:.3g}", d.probability_healthy));
@@ -213,6 +274,10 @@ void verify(const Options& o) {
   refuse_expired(plan, source, v.begun, o.accept_expired);
   const auto scanner = model::read_scanner(source.scanner_file);
   const fs::path folder = o.output;
+  if (source.instrument) source.run = run_of(o, plan, source);
+  if (!o.json && fs::exists(folder / "verification.json")) {
+    fmt::print("{}: finished before; its captures are evaluated again, nothing is measured\n", folder.string());
+  }
   take_baseline(o, plan, scanner, source);
   if (!o.fault.empty()) {
     const Injection injection = injection_of(o.fault);
@@ -221,9 +286,9 @@ void verify(const Options& o) {
   }
   // First: whoever watches draws the artefacts from it.
   if (source.instrument) write_atomically(folder / "artefacts.toml", metrology::to_toml(source.gauges));
-  double captures = 0;
-  for (const auto& series : plan.series) captures += series.captures;
-  Progress progress(captures);
+  int views = 0;
+  for (const auto& series : plan.series) views += series.captures * series.views_of_a_capture();
+  Progress progress(views);
   std::vector<std::string> missing;
   std::vector<std::vector<metrology::CaptureResult>> results(plan.series.size());
   for (std::size_t s = 0; s < plan.series.size(); ++s) {
@@ -232,8 +297,10 @@ void verify(const Options& o) {
       progress.start(fmt::format("verifying, {} {} of {}", series.scene, i + 1, series.captures));
       const auto result = result_of(plan, series, i, source, scanner, folder);
       if (result) results[s].push_back(*result);
-      if (!result) missing.push_back(metrology::capture_name(series, i));
-      progress.done(1);
+      if (!result) {
+        for (auto& name : missing_of(series, i, source)) missing.push_back(std::move(name));
+      }
+      progress.done(series.views_of_a_capture());
     }
     progress.finish_step(
         fmt::format("{}: {} of {} captures evaluated", series.scene, results[s].size(), series.captures));
@@ -242,7 +309,7 @@ void verify(const Options& o) {
     throw InputError(fmt::format(
         "{}: the plan {} asks for {}, of which {} missing: {}; what was evaluated is kept in {}, run the same "
         "command again when the rest is there",
-        source.captures.string(), plan.name, captures == 1 ? "1 capture" : fmt::format("{} captures", captures),
+        source.captures.string(), plan.name, views == 1 ? "1 capture" : fmt::format("{} captures", views),
         missing.size() == 1 ? "1 is" : fmt::format("{} are", missing.size()), fmt::join(missing, ", "),
         folder.string()));
   }
@@ -292,6 +359,7 @@ void verify(const Options& o) {
     fmt::print("{}", to_json(record));
   } else {
     print_table(v);
+    for (std::size_t k = 0; k < plan.series.size(); ++k) print_joined(plan.series[k], results[k]);
     if (v.diagnosis) print_diagnosis(*v.diagnosis);
   }
 }
@@ -301,7 +369,8 @@ void verify(const Options& o) {
 void add_verify(CLI::App& app) {
   auto o = std::make_shared<Options>();
   auto* command = app.add_subcommand("verify", "Carry out a verification plan: find the artefacts, evaluate, judge");
-  command->add_option("--plan", o->plan, "paper, vdi2634-2, iso10360-13, quick, or a plan file")->capture_default_str();
+  command->add_option("--plan", o->plan, "paper, vdi2634-2, vdi2634-3, iso10360-13, plate-step, quick, or a plan file")
+      ->capture_default_str();
   command->add_flag("--virtual", o->on_virtual, "Verify the virtual scanner of a finished commissioning");
   command->add_option("--commissioning", o->commissioning, "Its folder (with --virtual)")->capture_default_str();
   command->add_option("--captures", o->captures,
@@ -325,6 +394,11 @@ void add_verify(CLI::App& app) {
   command->add_option("--fault", o->fault,
                       "Virtual scanner: what befell it since; base_line, knocked_camera, dirty_projector, warm_room, "
                       "wrong_certificate");
+  command
+      ->add_option("--run", o->run,
+                   "Virtual scanner: which verification of it this is; another number is another draw of noise and of "
+                   "the hand that places the artefacts (default: the next one of its commissioning)")
+      ->check(CLI::Range(1, 999999));
   command->add_flag("--accept-expired", o->accept_expired,
                     "Use an artefact whose certificate has run out; stated in the record");
   command->add_flag("--json", o->json, "Print verification.json instead of the table");

@@ -5,10 +5,14 @@
 #include "core/file.h"
 #include "core/value.h"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 
 namespace fringecal::cli {
 namespace {
@@ -58,7 +62,7 @@ std::vector<metrology::Gauge> gauges_of(const virt::VirtualScanner& instrument, 
   const auto gauge = [&](const char* name, GaugeKind kind, double expansion) {
     Gauge g{.name = name, .kind = kind};
     g.expansion_per_K = expansion;
-    g.u_expansion_per_K = 0.05 * expansion;
+    g.u_expansion_per_K = expansion / 20;
     g.U_form_mm = 0.0004;
     g.certificate = fmt::format("VIRTUAL-{}-{}", instrument_seed, name);
     g.laboratory = "virtual laboratory";
@@ -84,6 +88,27 @@ std::vector<metrology::Gauge> gauges_of(const virt::VirtualScanner& instrument, 
     g.U_diameter_mm = 2 * std::max(a.u, b.u);
     g.distance_mm = bar.value;
     g.U_distance_mm = 2 * bar.u;
+    out.push_back(g);
+  }
+  if (instrument.has_standard_scene("step 0")) {
+    const auto height = instrument.certificate_mm("step");
+    Gauge g = gauge("step20", GaugeKind::step, kSteel);
+    g.distance_mm = height.value;
+    g.U_distance_mm = 2 * height.u;
+    out.push_back(g);
+  }
+  if (instrument.has_standard_scene("sphere_plate 0")) {
+    Gauge g = gauge("plate5", GaugeKind::sphere_plate, kCeramic);
+    for (int k = 1; k <= instrument.plate_spheres(); ++k) {
+      const std::string name = fmt::format("plate_{}", k);
+      const auto diameter = instrument.certificate_mm(name), x = instrument.certificate_mm(name + "_x"),
+                 y = instrument.certificate_mm(name + "_y"), z = instrument.certificate_mm(name + "_z");
+      g.diameter_mm.push_back(diameter.value);
+      g.U_diameter_mm = 2 * diameter.u;
+      g.centres_mm.emplace_back(x.value, y.value, z.value);
+      // Two centres with that U in each coordinate; along their line the others do not count. Rounded up to 0.1 um.
+      g.U_distance_mm = std::ceil(2e4 * std::hypot(x.u, x.u)) / 1e4;
+    }
     out.push_back(g);
   }
   return out;
@@ -115,17 +140,36 @@ void VirtualVerification::befall(const virt::Faults& faults, double room_degC) {
   state_.room_degC = room_degC;
 }
 
-Capture VirtualVerification::capture(const std::string& plan, const std::string& scene, int place) const {
-  const std::string name = fmt::format("{} {}", scene, place);
+int VirtualVerification::take_run(const std::string& plan) const {
+  const auto folder = folder_ / "verifications";
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  for (int run = 1; run < 1'000'000; ++run) {
+    const auto file = folder / fmt::format("{}-{:04}", plan, run);
+    const int handle = ::open(file.c_str(), O_CREAT | O_EXCL | O_WRONLY | O_CLOEXEC, 0644);
+    if (handle >= 0) {
+      ::close(handle);
+      return run;
+    }
+    if (errno != EEXIST) {
+      throw EnvironmentError(
+          fmt::format("{}: {}; give --run N to do without this file", file.string(), std::strerror(errno)));
+    }
+  }
+  throw EnvironmentError(fmt::format("{}: a million verifications are enough; clear it", folder.string()));
+}
+
+Capture VirtualVerification::capture(const std::string& plan, const std::string& name, int run) const {
   if (!instrument_.has_standard_scene(name)) {
     throw InputError(
         fmt::format("the virtual scanner has no scene \"{}\"; its preset places what the shipped plans ask "
                     "for",
                     name));
   }
-  const std::string hash = sha256_hex(fmt::format("{}/verify/{}/{}", seed_, plan, name));
-  return instrument_.capture(instrument_.standard_scene(name, state_.room_degC), state_,
-                             std::stoull(hash.substr(0, 16), nullptr, 16));
+  const std::string which = fmt::format("{}/verify/{}/{}{}", seed_, plan, name, run > 1 ? fmt::format("/{}", run) : "");
+  const std::string hash = sha256_hex(which);
+  return instrument_.capture(instrument_.standard_scene(name, state_.room_degC, static_cast<std::uint64_t>(run)),
+                             state_, std::stoull(hash.substr(0, 16), nullptr, 16));
 }
 
 }  // namespace fringecal::cli

@@ -26,8 +26,13 @@ class VirtualVerification {
   std::vector<metrology::Gauge> gauges() const { return gauges_of(instrument_, seed_); }
   /// From now on the instrument is no longer what was commissioned.
   void befall(const virt::Faults& faults, double room_degC);
-  /// plan: part of the stack's seed, so that two plans do not measure with the same noise.
-  Capture capture(const std::string& plan, const std::string& scene, int place) const;
+  /// Which verification of this commissioning this is: 1, 2, ... of a plan. Taken once and for all, also where several
+  /// programs ask at once; the folder `verifications` keeps a file for each.
+  int take_run(const std::string& plan) const;
+  /// plan and run: part of the stack's seed and of the hand that puts the artefact there, so that two verifications are two
+  /// measurements, and each is the same whenever it is made again.
+  /// scene: "probing 3", as the virtual scanner names it.
+  Capture capture(const std::string& plan, const std::string& scene, int run = 1) const;
   /// The true instrument. For tests only.
   Value truth() const { return instrument_.truth(state_); }
 

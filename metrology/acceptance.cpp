@@ -1,9 +1,6 @@
 #include "metrology/acceptance.h"
 
 #include "core/error.h"
-#include "fitting/fit.h"
-#include "metrology/artefact.h"
-#include "metrology/calibration_uncertainty.h"
 
 #include <fmt/format.h>
 
@@ -16,92 +13,6 @@ namespace {
 // Digits of u that the Monte Carlo validates: with 2e5 trials an end of the interval is known to 0.006 u, below a fifth of
 // the tolerance of one digit (0.05 u at least), as [JCGM101, 8.2] wants it, but not of two.
 constexpr int kValidationDigits = 1;
-constexpr std::size_t kThinned = 2000;  // points that carry the calibration's uncertainty: it is smooth over a feature
-
-struct FormFigures {
-  double range = 0, shell_95 = 0;
-};
-
-/// Eqs. 1 and 2 over the points kept.
-FormFigures form_of(const fitting::FitQuality& quality) {
-  std::vector<double> kept;
-  for (std::size_t i = 0; i < quality.distances_mm.size(); ++i) {
-    if (!quality.rejected[i]) kept.push_back(quality.distances_mm[i]);
-  }
-  std::sort(kept.begin(), kept.end());
-  const auto at = [&](double p) {
-    return kept[static_cast<std::size_t>(p * static_cast<double>(kept.size() - 1) + 0.5)];
-  };
-  return {kept.back() - kept.front(), at(0.975) - at(0.025)};
-}
-
-struct Described {
-  FeatureResult feature;
-  Eigen::Vector3d u_centre_mm = Eigen::Vector3d::Zero();  // of a sphere
-};
-
-Result<Described> describe(const ArtefactMeasurement& m, fitting::Rejection rejection) {
-  Described described{.feature = {.artefact = m.name}};
-  FeatureResult& out = described.feature;
-  const fitting::FitOptions options{.rejection = rejection};
-  const auto keep = [&](const fitting::FitQuality& quality) {
-    const FormFigures form = form_of(quality);
-    out.range_mm = form.range;
-    out.shell_95_mm = form.shell_95;
-    out.sd_mm = quality.standard_deviation_mm;  // eq. 3
-    out.n_points = static_cast<int>(quality.n_used);
-    out.n_rejected = static_cast<int>(m.n_gross + quality.n_rejected);
-    out.residuals = residual_cloud(m.points_mm, quality.distances_mm, quality.rejected);
-  };
-  if (m.kind == ArtefactKind::plane) {
-    const auto fit = fitting::fit_plane(m.points_mm, options);
-    if (!fit) return tl::unexpected(fit.error());
-    keep(fit->quality);
-    out.place_mm = fit->point_mm;
-  } else if (m.kind == ArtefactKind::sphere) {
-    const auto fit = fitting::fit_sphere(m.points_mm, options);
-    if (!fit) return tl::unexpected(fit.error());
-    keep(fit->quality);
-    out.place_mm = fit->center_mm;
-    described.u_centre_mm = fit->u_center_mm;
-    out.diameter_mm = fit->diameter_mm;
-    out.u_noise_mm = fit->u_diameter_mm;
-  } else {
-    const auto fit = fitting::fit_cylinder(m.points_mm, options);
-    if (!fit) return tl::unexpected(fit.error());
-    keep(fit->quality);
-    out.place_mm = fit->axis_point_mm;
-    out.diameter_mm = fit->diameter_mm;
-    out.u_noise_mm = fit->u_diameter_mm;
-  }
-  return described;
-}
-
-/// The distance of two spheres' centres, with what the calibration's uncertainty makes of it.
-Result<DistanceResult> distance_of(const ArtefactMeasurement& a, const ArtefactMeasurement& b, const Described& da,
-                                   const Described& db, const model::Scanner& scanner) {
-  const FeatureResult &fa = da.feature, &fb = db.feature;
-  auto points = thinned(a.points_mm, kThinned);
-  const auto second = thinned(b.points_mm, kThinned);
-  points.insert(points.end(), second.begin(), second.end());
-  const auto distance = [&](std::span<const Eigen::Vector3d> moved) -> Result<double> {
-    // retriangulate() may leave points out, so they are told apart by the nearer centre.
-    std::vector<Eigen::Vector3d> near_a, near_b;
-    for (const auto& p : moved) {
-      ((p - fa.place_mm).squaredNorm() < (p - fb.place_mm).squaredNorm() ? near_a : near_b).push_back(p);
-    }
-    const auto fit_a = fitting::fit_sphere(near_a), fit_b = fitting::fit_sphere(near_b);
-    if (!fit_a) return tl::unexpected(fit_a.error());
-    if (!fit_b) return tl::unexpected(fit_b.error());
-    return (fit_a->center_mm - fit_b->center_mm).norm();
-  };
-  const auto u = u_from_calibration(points, scanner, distance);
-  if (!u) return tl::unexpected(u.error());
-  const Eigen::Vector3d between = (fb.place_mm - fa.place_mm).normalized();
-  const double u_noise =
-      std::hypot(da.u_centre_mm.cwiseProduct(between).norm(), db.u_centre_mm.cwiseProduct(between).norm());
-  return DistanceResult{a.name, (fa.place_mm - fb.place_mm).norm(), u_noise, *u};
-}
 
 // ---- from results to quantities
 
@@ -207,8 +118,27 @@ std::vector<std::pair<int, const FeatureResult*>> features_of(const std::vector<
   return out;
 }
 
-std::string part_name(const Gauge& gauge, int part) {
-  return gauge.diameter_mm.size() > 1 ? fmt::format(", sphere {}", part == 0 ? "A" : "B") : "";
+/// ", sphere A": behind the number of a position; empty where there is one part.
+std::string part_words(const Gauge& gauge, int part) {
+  const std::string name = part_name(gauge, part);
+  if (name.empty()) return "";
+  return gauge.kind == GaugeKind::step ? fmt::format(", {} plane", name) : fmt::format(", sphere {}", name);
+}
+
+/// ", 1-3": which of a plate's distances; empty where there is one.
+std::string pair_words(const Gauge& gauge, const DistanceResult& d) {
+  if (gauge.kind != GaugeKind::sphere_plate) return "";
+  return fmt::format(", {}-{}", part_name(gauge, d.from), part_name(gauge, d.to));
+}
+
+double certified_mm(const Gauge& gauge, const DistanceResult& d) {
+  for (const auto& certified : distances_of(gauge)) {
+    if (certified.from == d.from && certified.to == d.to) return certified.value_mm;
+  }
+  throw InputError(
+      fmt::format("{} has no certified length between its parts {} and {}; the captures were evaluated with "
+                  "another artefacts.toml, begin in a new folder",
+                  gauge.name, d.from + 1, d.to + 1));
 }
 
 void add_diameters(std::vector<Quantity>& out, const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge,
@@ -222,12 +152,12 @@ void add_diameters(std::vector<Quantity>& out, const Plan& plan, const PlannedQu
     const Length length{gauge.diameter_mm[static_cast<std::size_t>(part)], gauge.U_diameter_mm};
     if (planned.measurand == Measurand::mean_diameter_error) {
       out.push_back(length_quantity(plan, planned, gauge, length, readings,
-                                    fmt::format("mean of {}{}", readings.size(), part_name(gauge, part)), options));
+                                    fmt::format("mean of {}{}", readings.size(), part_words(gauge, part)), options));
       continue;
     }
     for (const auto& r : readings) {
       out.push_back(length_quantity(plan, planned, gauge, length, std::span(&r, 1),
-                                    fmt::format("{}{}", r.capture + 1, part_name(gauge, part)), options));
+                                    fmt::format("{}{}", r.capture + 1, part_words(gauge, part)), options));
     }
   }
 }
@@ -240,18 +170,20 @@ void add_distances(std::vector<Quantity>& out, const Plan& plan, const PlannedQu
       if (d.artefact != gauge.name) continue;
       Reading reading{r.capture, d.distance_mm, d.u_noise_mm, d.u_calibration_mm};
       for (const auto& f : r.features) {
+        if (f.artefact != gauge.name || (f.part != d.from && f.part != d.to)) continue;
         reading.n_points += f.n_points;
         reading.n_rejected += f.n_rejected;
       }
-      out.push_back(length_quantity(plan, planned, gauge, {*gauge.distance_mm, gauge.U_distance_mm},
-                                    std::span(&reading, 1), std::to_string(r.capture + 1), options));
+      out.push_back(length_quantity(plan, planned, gauge, {certified_mm(gauge, d), gauge.U_distance_mm},
+                                    std::span(&reading, 1), fmt::format("{}{}", r.capture + 1, pair_words(gauge, d)),
+                                    options));
     }
   }
 }
 
 void add_forms(std::vector<Quantity>& out, const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge,
                const std::vector<CaptureResult>& results) {
-  const int parts = std::max<int>(1, static_cast<int>(gauge.diameter_mm.size()));
+  const int parts = static_cast<int>(nominals_of(gauge).size());
   for (int part = 0; part < parts; ++part) {
     const auto features = features_of(results, gauge.name, part);
     const FeatureResult* largest = nullptr;
@@ -262,57 +194,16 @@ void add_forms(std::vector<Quantity>& out, const Plan& plan, const PlannedQuanti
       }
       const double value = planned.measurand == Measurand::form_range ? f->range_mm : f->shell_95_mm;
       out.push_back(
-          form_quantity(plan, planned, gauge, value, *f, fmt::format("{}{}", capture + 1, part_name(gauge, part))));
+          form_quantity(plan, planned, gauge, value, *f, fmt::format("{}{}", capture + 1, part_words(gauge, part))));
     }
     if (largest != nullptr) {
       out.push_back(form_quantity(plan, planned, gauge, largest->sd_mm, *largest,
-                                  fmt::format("largest of {}{}", features.size(), part_name(gauge, part))));
+                                  fmt::format("largest of {}{}", features.size(), part_words(gauge, part))));
     }
   }
 }
 
 }  // namespace
-
-std::vector<NominalArtefact> nominals_of(const Gauge& gauge) {
-  if (gauge.kind == GaugeKind::flat) return {{gauge.name, ArtefactKind::plane, 0}};
-  std::vector<NominalArtefact> out;
-  for (const double d : gauge.diameter_mm)
-    out.push_back({gauge.name, gauge.kind == GaugeKind::cylinder ? ArtefactKind::cylinder : ArtefactKind::sphere, d});
-  return out;
-}
-
-Result<CaptureResult> evaluate_capture(const Plan& plan, const Series& series, int capture,
-                                       const std::vector<Gauge>& gauges, const PointCloud& cloud,
-                                       const model::Scanner& scanner) {
-  std::vector<NominalArtefact> nominals;
-  for (const auto& name : series.artefacts) {
-    for (const auto& nominal : nominals_of(gauge_named(gauges, name))) nominals.push_back(nominal);
-  }
-  const auto found = measure_artefacts(cloud, scanner, nominals);
-  if (!found) return tl::unexpected(found.error());
-  CaptureResult out{.capture = capture};
-  std::vector<Described> described;
-  for (const auto& m : *found) {
-    auto one = describe(m, plan.rejection);
-    if (!one) return unanswerable(fmt::format("{}: {}", m.name, one.error().sentence));
-    FeatureResult& feature = one->feature;
-    if (!out.features.empty() && out.features.back().artefact == m.name) feature.part = out.features.back().part + 1;
-    if (m.diameter_mm) {
-      const auto u = u_diameter_from_calibration(m, scanner);
-      if (!u) return unanswerable(fmt::format("{}: {}", m.name, u.error().sentence));
-      feature.u_calibration_mm = *u;
-    }
-    out.features.push_back(feature);
-    described.push_back(*std::move(one));
-  }
-  for (std::size_t i = 1; i < found->size(); ++i) {
-    if (out.features[i].part != 1) continue;
-    const auto distance = distance_of((*found)[i - 1], (*found)[i], described[i - 1], described[i], scanner);
-    if (!distance) return tl::unexpected(distance.error());
-    out.distances.push_back(*distance);
-  }
-  return out;
-}
 
 std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, const std::vector<Gauge>& gauges,
                                       const std::vector<CaptureResult>& results, const EvaluateOptions& options) {
@@ -371,7 +262,7 @@ std::vector<GaugeSummary> summaries_of(const Series& series, const std::vector<G
       }
       for (const auto& r : results) {
         for (const auto& d : r.distances) {
-          if (distance && d.artefact == name) take(d.distance_mm, *gauge.distance_mm, d.u_noise_mm);
+          if (distance && d.artefact == name) take(d.distance_mm, certified_mm(gauge, d), d.u_noise_mm);
         }
         for (const auto& f : r.features) {
           if (distance || f.artefact != name || !f.diameter_mm) continue;
@@ -402,16 +293,25 @@ Value to_value(const CaptureResult& r) {
   for (const auto& d : r.distances) {
     distances.append(Value::object()
                          .set("artefact", d.artefact)
+                         .set("from", d.from)
+                         .set("to", d.to)
                          .set("distance_mm", d.distance_mm)
                          .set("u_noise_mm", d.u_noise_mm)
                          .set("u_calibration_mm", d.u_calibration_mm));
   }
-  return Value::object()
-      .set("schema", "fringecal.capture-result")
-      .set("schema_version", 1)
-      .set("capture", r.capture)
-      .set("features", features)
-      .set("distances", distances);
+  Value out = Value::object()
+                  .set("schema", "fringecal.capture-result")
+                  .set("schema_version", 1)
+                  .set("capture", r.capture)
+                  .set("features", features)
+                  .set("distances", distances);
+  if (r.joined) {
+    out.set("joined_views", Value::object()
+                                .set("views", r.joined->views)
+                                .set("references", r.joined->references)
+                                .set("rms_mm", r.joined->rms_mm));
+  }
+  return out;
 }
 
 CaptureResult capture_result_from(const Value& value, const std::string& name) {
@@ -434,9 +334,18 @@ CaptureResult capture_result_from(const Value& value, const std::string& name) {
     out.features.push_back(one);
   }
   for (auto& d : fields.tables("distances")) {
-    out.distances.push_back(
-        {d.text("artefact"), d.number("distance_mm"), d.number("u_noise_mm"), d.number("u_calibration_mm")});
+    DistanceResult one{.artefact = d.text("artefact")};
+    one.from = d.optional_integer("from").value_or(0);
+    one.to = d.optional_integer("to").value_or(1);
+    one.distance_mm = d.number("distance_mm");
+    one.u_noise_mm = d.number("u_noise_mm");
+    one.u_calibration_mm = d.number("u_calibration_mm");
     d.finish();
+    out.distances.push_back(one);
+  }
+  if (auto joined = fields.optional_table("joined_views")) {
+    out.joined = JoinedViews{joined->integer("views"), joined->integer("references"), joined->number("rms_mm")};
+    joined->finish();
   }
   fields.finish();
   return out;

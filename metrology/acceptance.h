@@ -36,7 +36,7 @@ namespace fringecal::metrology {
 
 struct FeatureResult {
   std::string artefact;                                             // its gauge
-  int part = 0;                                                     // of a ball bar: 0 or 1
+  int part = 0;                                                     // of its certificate: 0, 1, ...
   std::optional<double> diameter_mm, u_noise_mm, u_calibration_mm;  // absent for a plane
   double range_mm = 0, shell_95_mm = 0, sd_mm = 0;                  // eqs. 1 to 3
   Eigen::Vector3d place_mm = Eigen::Vector3d::Zero();
@@ -44,8 +44,10 @@ struct FeatureResult {
   ResidualCloud residuals = {};  // of evaluate_capture() only; not in the file
 };
 
+/// Between two parts of an artefact: a ball bar's or a plate's centres, a step's planes.
 struct DistanceResult {
   std::string artefact;
+  int from = 0, to = 1;
   double distance_mm = 0, u_noise_mm = 0, u_calibration_mm = 0;
 };
 
@@ -54,13 +56,20 @@ struct EvaluateOptions {
   std::int64_t monte_carlo_trials = 200'000;  // ends known to 0.006 u; 0: no validation
 };
 
+/// How well the views of a capture fitted together.
+struct JoinedViews {
+  int views = 0, references = 0;  // reference spheres that they see together
+  double rms_mm = 0;              // of the references' centres about their common places
+};
+
 struct CaptureResult {
   int capture = 0;
   std::vector<FeatureResult> features;
   std::vector<DistanceResult> distances;
+  std::optional<JoinedViews> joined;  // of a series with views
 };
 
-/// What of an artefact is looked for in a cloud: a ball bar is two spheres.
+/// What of an artefact is looked for in a cloud: a ball bar is two spheres, a step two planes.
 std::vector<NominalArtefact> nominals_of(const Gauge& gauge);
 
 /// No result: an artefact that is not in the cloud, or cannot be fitted, with what was there instead.

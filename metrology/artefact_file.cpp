@@ -15,20 +15,40 @@ namespace {
 
 constexpr const char* kSchema = "fringecal.artefacts";
 constexpr int kVersion = 1;
-constexpr std::array kKinds = {std::pair(GaugeKind::sphere, "sphere"), std::pair(GaugeKind::ball_bar, "ball_bar"),
-                               std::pair(GaugeKind::flat, "flat"), std::pair(GaugeKind::cylinder, "cylinder")};
+constexpr std::array kKinds = {std::pair(GaugeKind::sphere, "sphere"),
+                               std::pair(GaugeKind::ball_bar, "ball_bar"),
+                               std::pair(GaugeKind::sphere_plate, "sphere_plate"),
+                               std::pair(GaugeKind::flat, "flat"),
+                               std::pair(GaugeKind::cylinder, "cylinder"),
+                               std::pair(GaugeKind::step, "step")};
+constexpr std::size_t kFewestCentres = 3, kMostCentres = 12;  // orders of more take long to try
 
 GaugeKind kind_from(Fields& fields) {
   const std::string name = fields.text("kind");
   for (const auto& [kind, known] : kKinds) {
     if (name == known) return kind;
   }
-  fields.complain(fmt::format("kind is \"{}\"; known: sphere, ball_bar, flat, cylinder", name));
+  fields.complain(fmt::format("kind is \"{}\"; known: sphere, ball_bar, sphere_plate, flat, cylinder, step", name));
 }
 
-std::size_t diameters_of(GaugeKind kind) {
-  if (kind == GaugeKind::flat) return 0;
-  return kind == GaugeKind::ball_bar ? 2 : 1;
+std::size_t diameters_of(const Gauge& g) {
+  if (g.kind == GaugeKind::flat || g.kind == GaugeKind::step) return 0;
+  if (g.kind == GaugeKind::sphere_plate) return g.centres_mm.size();
+  return g.kind == GaugeKind::ball_bar ? 2 : 1;
+}
+
+std::vector<Eigen::Vector3d> centres_from(Fields& fields) {
+  const Value list = fields.raw("centres_mm");
+  if (!list.if_array() || list.if_array()->size() < kFewestCentres || list.if_array()->size() > kMostCentres) {
+    fields.complain(fmt::format("centres_mm is a list of {} to {} centres [x, y, z]", kFewestCentres, kMostCentres));
+  }
+  std::vector<Eigen::Vector3d> out;
+  for (const Value& one : *list.if_array()) {
+    Fields centre(Value::object().set("centre", one), fields.file(), "centres_mm");
+    const auto x = centre.numbers("centre", 3);
+    out.emplace_back(x[0], x[1], x[2]);
+  }
+  return out;
 }
 
 double positive(Fields& fields, const char* key) {
@@ -53,7 +73,8 @@ std::string day(Fields& fields, const char* key) {
 
 Gauge read_gauge(Fields fields) {
   Gauge g{.name = fields.text("name"), .kind = kind_from(fields)};
-  if (const std::size_t n = diameters_of(g.kind); n > 0) {
+  if (g.kind == GaugeKind::sphere_plate) g.centres_mm = centres_from(fields);
+  if (const std::size_t n = diameters_of(g); n > 0) {
     g.diameter_mm = n == 1 ? std::vector<double>{positive(fields, "diameter_mm")} : fields.numbers("diameter_mm", n);
     for (const double d : g.diameter_mm) {
       if (!(d > 0)) fields.complain(fmt::format("diameter_mm has {}; a diameter is positive", d));
@@ -62,6 +83,11 @@ Gauge read_gauge(Fields fields) {
   }
   if (g.kind == GaugeKind::ball_bar) {
     g.distance_mm = positive(fields, "distance_mm");
+  } else if (g.kind == GaugeKind::step) {
+    g.distance_mm = positive(fields, "height_mm");
+    g.U_distance_mm = positive(fields, "U_height_mm");
+  }
+  if (g.kind == GaugeKind::ball_bar || g.kind == GaugeKind::sphere_plate) {
     g.U_distance_mm = positive(fields, "U_distance_mm");
   }
   g.form_mm = not_negative(fields, "form_mm");
@@ -111,7 +137,16 @@ Value to_value(const std::vector<Gauge>& gauges) {
     if (g.diameter_mm.size() == 1) one.set("diameter_mm", g.diameter_mm.front());
     if (g.diameter_mm.size() > 1) one.set("diameter_mm", Value::numbers(g.diameter_mm));
     if (!g.diameter_mm.empty()) one.set("U_diameter_mm", g.U_diameter_mm);
-    if (g.distance_mm) one.set("distance_mm", *g.distance_mm).set("U_distance_mm", g.U_distance_mm);
+    if (g.kind == GaugeKind::step) {
+      one.set("height_mm", *g.distance_mm).set("U_height_mm", g.U_distance_mm);
+    } else if (g.distance_mm) {
+      one.set("distance_mm", *g.distance_mm).set("U_distance_mm", g.U_distance_mm);
+    }
+    if (!g.centres_mm.empty()) {
+      Value centres = Value::array();
+      for (const auto& c : g.centres_mm) centres.append(Value::numbers(c));
+      one.set("U_distance_mm", g.U_distance_mm).set("centres_mm", centres);
+    }
     list.append(one.set("form_mm", g.form_mm)
                     .set("U_form_mm", g.U_form_mm)
                     .set("fixture_mm", g.fixture_mm)
@@ -140,6 +175,25 @@ std::string to_toml(const std::vector<Gauge>& gauges) {
     }
   }
   return out;
+}
+
+std::vector<CertifiedDistance> distances_of(const Gauge& g) {
+  if (g.kind == GaugeKind::step) return {{0, 1, *g.distance_mm, "height"}};
+  if (g.distance_mm) return {{0, 1, *g.distance_mm, "distance"}};
+  std::vector<CertifiedDistance> out;
+  for (std::size_t i = 0; i < g.centres_mm.size(); ++i) {
+    for (std::size_t j = i + 1; j < g.centres_mm.size(); ++j) {
+      out.push_back({static_cast<int>(i), static_cast<int>(j), (g.centres_mm[i] - g.centres_mm[j]).norm(),
+                     fmt::format("distance {}-{}", i + 1, j + 1)});
+    }
+  }
+  return out;
+}
+
+std::string part_name(const Gauge& g, int part) {
+  if (g.kind == GaugeKind::ball_bar) return part == 0 ? "A" : "B";
+  if (g.kind == GaugeKind::step) return part == 0 ? "lower" : "upper";
+  return g.kind == GaugeKind::sphere_plate ? std::to_string(part + 1) : "";
 }
 
 const Gauge& gauge_named(const std::vector<Gauge>& gauges, const std::string& name) {
@@ -187,7 +241,7 @@ ArtefactUsed used(const Gauge& g, bool expired_accepted) {
                    .valid_until = g.valid_until,
                    .expired_accepted = expired_accepted};
   for (const double d : g.diameter_mm) out.values.push_back({"diameter", d, g.U_diameter_mm, g.k});
-  if (g.distance_mm) out.values.push_back({"distance", *g.distance_mm, g.U_distance_mm, g.k});
+  for (const auto& d : distances_of(g)) out.values.push_back({d.name, d.value_mm, g.U_distance_mm, g.k});
   if (g.U_form_mm > 0) out.values.push_back({"form", g.form_mm, g.U_form_mm, g.k});
   return out;
 }

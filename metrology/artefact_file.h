@@ -2,11 +2,14 @@
 //
 //   [[artefact]]
 //   name = "ball bar 150"
-//   kind = "ball_bar"                        # sphere | ball_bar | flat | cylinder
-//   diameter_mm = [30.0012, 30.0007]         # sphere, cylinder: one; ball bar: of both spheres
+//   kind = "ball_bar"                        # sphere | ball_bar | sphere_plate | flat | cylinder | step
+//   diameter_mm = [30.0012, 30.0007]         # sphere, cylinder: one; ball bar: of both spheres; plate: of each
 //   U_diameter_mm = 0.0006                   # expanded, with the certificate's k
 //   distance_mm = 150.013                    # ball bar: of the centres
-//   U_distance_mm = 0.0012
+//   U_distance_mm = 0.0012                   # ball bar; plate: of the distance of any two centres
+//   centres_mm = [[0, 0, 0], [100.002, 0, 0.01], ...]  # plate: of its spheres, 3 to 12, in the certificate's frame
+//   height_mm = 20.0013                      # step: of the upper plane above the lower, parallel one
+//   U_height_mm = 0.0008
 //   form_mm = 0.0004                         # certified form error (sphericity, flatness); 0 where the certificate has none
 //   U_form_mm = 0.0002
 //   fixture_mm = 0.0003                      # standard uncertainty of its lengths from how it is held (a bar sags); optional
@@ -28,6 +31,8 @@
 #include "metrology/budget.h"
 #include "metrology/verification.h"
 
+#include <Eigen/Core>
+
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -35,16 +40,17 @@
 
 namespace fringecal::metrology {
 
-enum class GaugeKind { sphere, ball_bar, flat, cylinder };
+enum class GaugeKind { sphere, ball_bar, sphere_plate, flat, cylinder, step };
 const char* name_of(GaugeKind kind);
 
 struct Gauge {
   std::string name;
   GaugeKind kind = GaugeKind::sphere;
-  std::vector<double> diameter_mm;  // sphere, cylinder: one; ball bar: two; flat: none
+  std::vector<double> diameter_mm;  // sphere, cylinder: one; ball bar: two; plate: one per centre; flat, step: none
   double U_diameter_mm = 0;
-  std::optional<double> distance_mm;  // ball bar
-  double U_distance_mm = 0;
+  std::optional<double> distance_mm;        // ball bar: of the centres; step: its height
+  double U_distance_mm = 0;                 // of the same; of a plate, of any two centres
+  std::vector<Eigen::Vector3d> centres_mm;  // sphere plate
   double form_mm = 0, U_form_mm = 0;
   double fixture_mm = 0;  // standard uncertainty that its holding adds to its lengths
   double k = 2;
@@ -57,6 +63,16 @@ std::vector<Gauge> read_gauges(const std::filesystem::path& file);
 Value to_value(const std::vector<Gauge>& gauges);
 /// The same as TOML text, to start a file of one's own from.
 std::string to_toml(const std::vector<Gauge>& gauges);
+
+/// A certified length between two parts of an artefact: a ball bar's distance, a step's height, each distance of a plate.
+struct CertifiedDistance {
+  int from = 0, to = 1;
+  double value_mm = 0;
+  std::string name;  // "distance", "height", "distance 1-3"
+};
+std::vector<CertifiedDistance> distances_of(const Gauge& gauge);
+/// "A" and "B" of a bar, "1", "2", ... of a plate, "lower" and "upper" of a step; empty where there is one part.
+std::string part_name(const Gauge& gauge, int part);
 
 /// The gauge of that name. Throws InputError with the names that there are.
 const Gauge& gauge_named(const std::vector<Gauge>& gauges, const std::string& name);

@@ -3,7 +3,7 @@
 //   u_c^2(y) = sum_i u_i^2(y), the inputs being independent                                     (2) [GUM, eq. 10]
 //   nu_eff = u_c^4 / sum_i (u_i^4 / nu_i), cut to the next lower integer                        (3) [GUM, eq. G.2b, G.4.2]
 //   U = k u_c,  k = t_p(nu_eff): the two-sided quantile of Student's t                          (4) [GUM, G.3.2]
-// p = 0.9545 by default, so that k = 2 where nu_eff is infinite. An effect that several readings share (a certificate, the
+// p = 0.9545 by default (erf(sqrt 2), to all digits), so that k is 2 where nu_eff is infinite. An effect that several readings share (a certificate, the
 // calibration) is *one* contribution, entered once with its own sensitivity; that keeps (2) true without a correlation.
 //
 // A contribution also says of what form its distribution is; (1) to (4) need only u, but the Monte Carlo
@@ -31,7 +31,8 @@ const char* name_of(Form form);
 Form form_from(const std::string& name);
 
 inline constexpr double kInfiniteNu = std::numeric_limits<double>::infinity();
-inline constexpr double kCoverage = 0.9545;  // two standard deviations of a normal distribution
+inline constexpr double kCoverage =
+    0.954499736103641586;  // erf(sqrt(2)): two standard deviations of a normal distribution
 
 struct Contribution {
   std::string name;  // "certificate of the artefact", "repeatability of the mean"

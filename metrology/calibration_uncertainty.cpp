@@ -28,30 +28,58 @@ std::vector<Eigen::Vector3d> retriangulate(std::span<const Eigen::Vector3d> poin
 
 Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,
                                   const PointFunction& quantity) {
+  const PointGroups one = {{points_mm.begin(), points_mm.end()}};
+  const auto u =
+      u_from_calibration_of_groups(one, scanner, [&](const PointGroups& moved) -> Result<std::vector<double>> {
+        const auto value = quantity(moved.front());
+        if (!value) return tl::unexpected(value.error());
+        return std::vector<double>{*value};
+      });
+  if (!u) return tl::unexpected(u.error());
+  return u->front();
+}
+
+Result<std::vector<double>> u_from_calibration_of_groups(const PointGroups& groups_mm, const model::Scanner& scanner,
+                                                         const GroupsFunction& quantities) {
   const auto& uncertainty = scanner.uncertainty;
   const auto n = static_cast<Eigen::Index>(uncertainty.names.size());
   if (n == 0) return unanswerable("the Scanner file has no covariance, so the calibration's part of u is not known");
-  Eigen::VectorXd gradient = Eigen::VectorXd::Zero(n);
+  Eigen::MatrixXd gradient;  // a row per quantity
   for (Eigen::Index i = 0; i < n; ++i) {
     const std::string& name = uncertainty.names[static_cast<std::size_t>(i)];
     const double step = std::sqrt(uncertainty.covariance(i, i));
     if (!(step > 0)) continue;
-    double y[2];
+    std::vector<double> y[2];
     for (const int side : {0, 1}) {
       Eigen::VectorXd change = Eigen::VectorXd::Zero(n);
       change(i) = side == 0 ? -step : step;
-      const auto value = quantity(retriangulate(points_mm, scanner, scanner.changed_by(change)));
-      if (!value) {
+      const model::Scanner changed = scanner.changed_by(change);
+      PointGroups moved;
+      for (const auto& group : groups_mm) moved.push_back(retriangulate(group, scanner, changed));
+      auto values = quantities(moved);
+      if (!values) {
         return unanswerable(fmt::format("with {} changed by its standard uncertainty the quantity has no value: {}",
-                                        name, value.error().sentence));
+                                        name, values.error().sentence));
       }
-      y[side] = *value;
+      y[side] = *std::move(values);
     }
-    gradient(i) = (y[1] - y[0]) / (2.0 * step);  // eq. 1
+    if (gradient.size() == 0) gradient = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(y[0].size()), n);
+    for (std::size_t k = 0; k < y[0].size(); ++k) {
+      gradient(static_cast<Eigen::Index>(k), i) = (y[1][k] - y[0][k]) / (2.0 * step);  // eq. 1
+    }
   }
-  const double variance = gradient.dot(uncertainty.covariance * gradient);
-  if (!(variance >= 0.0)) return unanswerable("the Scanner file's covariance is not positive; calibrate again");
-  return std::sqrt(variance);
+  if (gradient.size() == 0) {  // every parameter is known exactly
+    const auto values = quantities(groups_mm);
+    if (!values) return tl::unexpected(values.error());
+    return std::vector<double>(values->size(), 0.0);
+  }
+  std::vector<double> out;
+  for (Eigen::Index k = 0; k < gradient.rows(); ++k) {
+    const double variance = gradient.row(k) * uncertainty.covariance * gradient.row(k).transpose();
+    if (!(variance >= 0.0)) return unanswerable("the Scanner file's covariance is not positive; calibrate again");
+    out.push_back(std::sqrt(variance));
+  }
+  return out;
 }
 
 }  // namespace fringecal::metrology

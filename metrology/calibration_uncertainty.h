@@ -15,6 +15,7 @@
 
 #include <functional>
 #include <span>
+#include <vector>
 
 namespace fringecal::metrology {
 
@@ -24,6 +25,13 @@ using PointFunction = std::function<Result<double>(std::span<const Eigen::Vector
 /// the changed model cannot reach are left out.
 std::vector<Eigen::Vector3d> retriangulate(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,
                                            const model::Scanner& changed);
+
+/// Eq. 1 for several quantities at once, of points in groups that they must tell apart: features, views. Points that are left out
+/// leave their own group.
+using PointGroups = std::vector<std::vector<Eigen::Vector3d>>;
+using GroupsFunction = std::function<Result<std::vector<double>>(const PointGroups& groups_mm)>;
+Result<std::vector<double>> u_from_calibration_of_groups(const PointGroups& groups_mm, const model::Scanner& scanner,
+                                                         const GroupsFunction& quantities);
 
 /// Eq. 1, in the unit of the quantity.
 Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,

@@ -168,6 +168,7 @@ std::string summary_of(const HistoryView& entry) {
     const std::string verdict = text("verdict");
     return fmt::format("{}, {}: {}", text("plan"), text("scanner"), verdict.empty() ? "no limits" : verdict);
   }
+  if (entry.kind == "certificate") return fmt::format("No. {}", text("number"));
   if (!has_quantities(entry.kind)) return "";
   return fmt::format("{}: {}", text("scanner"), text("outcome"));
 }

@@ -40,7 +40,8 @@ HistorySeries series_of(const History& history, const QuantityKey& key);
 /// Every (symbol, artefact) that the records have, in the order of their first appearance.
 std::vector<QuantityKey> quantities_of(const History& history);
 
-/// What an entry is about, in a few words: plan, scanner and verdict, or an alignment's or calibration's outcome.
+/// What an entry is about, in a few words: plan, scanner and verdict, an alignment's or calibration's outcome, or a
+/// certificate's number.
 std::string summary_of(const HistoryView& entry);
 
 }  // namespace fringecal::metrology

@@ -62,6 +62,32 @@ void read_places(Fields& fields, Series& s) {
   }
 }
 
+std::vector<std::array<double, 3>> triples(Fields& fields, const char* key) {
+  std::vector<std::array<double, 3>> out;
+  const Value list = fields.raw(key);
+  if (list.is_null()) return out;
+  if (!list.if_array()) fields.complain(fmt::format("{} is a list of [x, y, z]", key));
+  for (const Value& entry : *list.if_array()) {
+    Fields one(Value::object().set(key, entry), fields.file(), key);
+    const auto numbers = one.numbers(key, 3);
+    out.push_back({numbers[0], numbers[1], numbers[2]});
+  }
+  return out;
+}
+
+SeriesViews read_views(Fields fields) {
+  SeriesViews out{.turns_deg = triples(fields, "turns_deg"),
+                  .reference_diameter_mm = fields.number("reference_diameter_mm"),
+                  .references_mm = triples(fields, "references_mm")};
+  constexpr std::size_t kFewest = 2, kMost = 36;
+  if (out.turns_deg.size() < kFewest || out.turns_deg.size() > kMost) {
+    fields.complain(fmt::format("turns_deg has {} views; give {} to {}", out.turns_deg.size(), kFewest, kMost));
+  }
+  if (!(out.reference_diameter_mm > 0)) fields.complain("reference_diameter_mm must be positive");
+  fields.finish();
+  return out;
+}
+
 Series read_series(Fields fields) {
   Series s{
       .scene = fields.text("scene"), .artefacts = fields.texts("artefacts"), .captures = fields.integer("captures")};
@@ -70,6 +96,8 @@ Series read_series(Fields fields) {
   if (s.captures < 1 || s.captures > 999) fields.complain(fmt::format("captures is {}; give 1 to 999", s.captures));
   for (auto& q : fields.tables("quantity")) s.quantities.push_back(read_quantity(std::move(q)));
   read_places(fields, s);
+  if (auto views = fields.optional_table("views")) s.views = read_views(*std::move(views));
+  if (s.views && s.artefacts.size() != 1) fields.complain("a series with views has one artefact");
   if (s.quantities.empty()) fields.complain("there is no [[series.quantity]]: nothing would be evaluated");
   fields.finish();
   return s;
@@ -128,5 +156,10 @@ Plan read_plan(const std::string& name) {
 }
 
 std::string capture_name(const Series& series, int capture) { return fmt::format("{}-{:02}", series.scene, capture); }
+
+std::string view_name(const Series& series, int capture, int view) {
+  const std::string name = capture_name(series, capture);
+  return series.views ? fmt::format("{}-{}", name, view) : name;
+}
 
 }  // namespace fringecal::metrology

@@ -18,8 +18,9 @@ constexpr const char* kProperties =
     "property double x\nproperty double y\nproperty double z\n"
     "property float nx\nproperty float ny\nproperty float nz\n"
     "property float u_mm\nproperty float modulation\n"
-    "property ushort pixel_x\nproperty ushort pixel_y\n"
-    "end_header\n";
+    "property ushort pixel_x\nproperty ushort pixel_y\n";
+constexpr const char* kDeviation = "property float deviation_mm\n";
+constexpr const char* kEndOfHeader = "end_header\n";
 constexpr std::size_t kBytesPerPoint = 3 * 8 + 5 * 4 + 2 * 2;
 constexpr const char* kComment = "comment fringecal point cloud: mm, frame world; u_mm along the camera's ray, k = 1\n";
 
@@ -62,19 +63,23 @@ CloudSummary summary_of(const PointCloud& cloud) {
   return summary;
 }
 
-void write_ply(const std::filesystem::path& file, const PointCloud& cloud) {
-  std::string bytes = fmt::format("ply\nformat binary_little_endian 1.0\n{}element vertex {}\n{}", kComment,
-                                  cloud.points.size(), kProperties);
+void write_ply(const std::filesystem::path& file, const PointCloud& cloud, std::span<const float> deviation_mm) {
+  require(deviation_mm.empty() || deviation_mm.size() == cloud.points.size(), "each point has its deviation");
+  std::string bytes =
+      fmt::format("ply\nformat binary_little_endian 1.0\n{}element vertex {}\n{}{}{}", kComment, cloud.points.size(),
+                  kProperties, deviation_mm.empty() ? "" : kDeviation, kEndOfHeader);
   const std::size_t header = bytes.size();
-  bytes.resize(header + cloud.points.size() * kBytesPerPoint);
+  bytes.resize(header + cloud.points.size() * (kBytesPerPoint + (deviation_mm.empty() ? 0 : sizeof(float))));
   char* at = bytes.data() + header;
-  for (const auto& p : cloud.points) {
-    for (int i = 0; i < 3; ++i) at = put(at, p.position_mm[i]);
-    for (int i = 0; i < 3; ++i) at = put(at, static_cast<float>(p.normal[i]));
+  for (std::size_t i = 0; i < cloud.points.size(); ++i) {
+    const CloudPoint& p = cloud.points[i];
+    for (int k = 0; k < 3; ++k) at = put(at, p.position_mm[k]);
+    for (int k = 0; k < 3; ++k) at = put(at, static_cast<float>(p.normal[k]));
     at = put(at, static_cast<float>(p.u_along_ray_mm));
     at = put(at, p.modulation);
     at = put(at, p.pixel_x);
     at = put(at, p.pixel_y);
+    if (!deviation_mm.empty()) at = put(at, deviation_mm[i]);
   }
   write_atomically(file, bytes);
 }
@@ -94,9 +99,14 @@ PointCloud read_ply(const std::filesystem::path& file) {
   if (digits == 0 || bytes.compare(at, properties.size(), properties) != 0)
     throw refuse("its header is not as expected");
   at += properties.size();
-  if (bytes.size() - at != count * kBytesPerPoint) {
+  const bool with_deviation = std::string_view(bytes).substr(at).starts_with(kDeviation);
+  if (with_deviation) at += std::strlen(kDeviation);
+  if (!std::string_view(bytes).substr(at).starts_with(kEndOfHeader)) throw refuse("its header is not as expected");
+  at += std::strlen(kEndOfHeader);
+  const std::size_t per_point = kBytesPerPoint + (with_deviation ? sizeof(float) : 0);
+  if (bytes.size() - at != count * per_point) {
     throw refuse(
-        fmt::format("{} points need {} bytes, the file holds {}", count, count * kBytesPerPoint, bytes.size() - at));
+        fmt::format("{} points need {} bytes, the file holds {}", count, count * per_point, bytes.size() - at));
   }
   PointCloud cloud;
   cloud.points.resize(count);
@@ -108,6 +118,7 @@ PointCloud read_ply(const std::filesystem::path& file) {
     p.modulation = take<float>(from);
     p.pixel_x = take<std::uint16_t>(from);
     p.pixel_y = take<std::uint16_t>(from);
+    if (with_deviation) take<float>(from);
   }
   return cloud;
 }

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <span>
 #include <vector>
 
 namespace fringecal::metrology {
@@ -29,8 +30,10 @@ struct CloudSummary {
 };
 CloudSummary summary_of(const PointCloud& cloud);
 
-/// Binary little-endian PLY: x y z nx ny nz u_mm modulation pixel_x pixel_y. Positions are doubles.
-void write_ply(const std::filesystem::path& file, const PointCloud& cloud);
+/// Binary little-endian PLY: x y z nx ny nz u_mm modulation pixel_x pixel_y. Positions are doubles. deviation_mm: empty, or of
+/// each point its signed distance from a reference surface, as the last property.
+void write_ply(const std::filesystem::path& file, const PointCloud& cloud, std::span<const float> deviation_mm = {});
+/// The deviations of a file that has them are left behind.
 PointCloud read_ply(const std::filesystem::path& file);
 
 }  // namespace fringecal::metrology

@@ -2,6 +2,7 @@
 
 #include "core/parallel.h"
 #include "fitting/fit.h"
+#include "metrology/multi_view.h"
 
 #include <fmt/format.h>
 
@@ -14,12 +15,14 @@ namespace fringecal::metrology {
 namespace {
 
 constexpr double kFlatHalfWidth_mm = 100, kFlatHalfHeight_mm = 70, kCylinderHalfLength_mm = 100;
+constexpr double kStepHalfWidth_mm = 30, kStepHalfHeight_mm = 40;  // of each of its planes, which lie side by side
 
 /// An ideal surface where it stands.
 struct Placed {
   ArtefactKind kind = ArtefactKind::sphere;
   double diameter = 0;
   Rigid3 world_from_part;
+  double half_width = kFlatHalfWidth_mm, half_height = kFlatHalfHeight_mm;  // of a plane
 
   struct Hit {
     double way;
@@ -31,8 +34,7 @@ struct Placed {
     if (kind == ArtefactKind::plane) {
       const double way = -o.z() / d.z();
       const Eigen::Vector3d p = o + way * d;
-      if (!(way > 0) || std::abs(p.x()) > kFlatHalfWidth_mm || std::abs(p.y()) > kFlatHalfHeight_mm)
-        return std::nullopt;
+      if (!(way > 0) || std::abs(p.x()) > half_width || std::abs(p.y()) > half_height) return std::nullopt;
       return Hit{way, world_from_part.rotation * Eigen::Vector3d(0, 0, d.z() < 0 ? 1 : -1)};
     }
     Eigen::Vector3d across(1, 1, kind == ArtefactKind::sphere ? 1 : 0);
@@ -55,6 +57,19 @@ Rigid3 pose_of(const std::array<double, 6>& place) {
 void add_placed(const Gauge& gauge, const Rigid3& pose, std::vector<Placed>& out) {
   if (gauge.kind == GaugeKind::flat) {
     out.push_back({ArtefactKind::plane, 0, pose});
+  } else if (gauge.kind == GaugeKind::step) {
+    for (const int part : {0, 1}) {
+      const Rigid3 aside{Eigen::Quaterniond::Identity(),
+                         {(part == 0 ? -1 : 1) * kStepHalfWidth_mm, 0, part == 0 ? 0 : *gauge.distance_mm}};
+      out.push_back({ArtefactKind::plane, 0, pose * aside, kStepHalfWidth_mm, kStepHalfHeight_mm});
+    }
+  } else if (gauge.kind == GaugeKind::sphere_plate) {
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (const auto& c : gauge.centres_mm) middle += c / static_cast<double>(gauge.centres_mm.size());
+    for (std::size_t k = 0; k < gauge.centres_mm.size(); ++k) {
+      const Rigid3 there{Eigen::Quaterniond::Identity(), gauge.centres_mm[k] - middle};
+      out.push_back({ArtefactKind::sphere, gauge.diameter_mm[k], pose * there});
+    }
   } else if (gauge.kind == GaugeKind::ball_bar) {
     for (const int part : {0, 1}) {
       const Rigid3 along{Eigen::Quaterniond::Identity(), {(part == 0 ? -0.5 : 0.5) * *gauge.distance_mm, 0, 0}};
@@ -66,10 +81,8 @@ void add_placed(const Gauge& gauge, const Rigid3& pose, std::vector<Placed>& out
   }
 }
 
-}  // namespace
-
-Result<PointCloud> predicted_cloud(const Series& series, int capture, const std::vector<Gauge>& gauges,
-                                   const model::Scanner& scanner, const PredictOptions& options) {
+/// What stands in the field in that capture, as the first view has it.
+Result<std::vector<Placed>> placed_of(const Series& series, int capture, const std::vector<Gauge>& gauges) {
   const auto places = series.places_of(capture);
   if (places.size() != series.artefacts.size()) {
     return unanswerable(fmt::format("the series {} has no places in its plan; add `places` to it", series.scene));
@@ -78,6 +91,12 @@ Result<PointCloud> predicted_cloud(const Series& series, int capture, const std:
   for (std::size_t k = 0; k < places.size(); ++k) {
     add_placed(gauge_named(gauges, series.artefacts[k]), pose_of(places[k]), placed);
   }
+  return placed;
+}
+
+/// draw: which draw of the noise.
+PointCloud seen(const std::vector<Placed>& placed, std::uint64_t draw, const model::Scanner& scanner,
+                const PredictOptions& options) {
   const CodeAxis axis = scanner.projector.main_axis();
   const auto& code = scanner.projector.axis(axis)->code;
   const double field = code.stripes() * code.stripe_width();
@@ -85,7 +104,7 @@ Result<PointCloud> predicted_cloud(const Series& series, int capture, const std:
   const Eigen::Vector3d camera = world_from_cam.translation_mm, light = scanner.world_from_proj().translation_mm;
   std::vector<std::vector<CloudPoint>> rows(static_cast<std::size_t>(scanner.camera.height_px));
   parallel_for(scanner.camera.height_px, [&](int y) {
-    std::mt19937_64 generator(static_cast<std::uint64_t>(y) + 100'000 * static_cast<std::uint64_t>(capture + 1));
+    std::mt19937_64 generator(static_cast<std::uint64_t>(y) + 100'000 * draw);
     std::normal_distribution<double> normal;
     for (int x = 0; x < scanner.camera.width_px; ++x) {
       const auto ray_in_cam = scanner.camera.ray({x, y});
@@ -117,6 +136,37 @@ Result<PointCloud> predicted_cloud(const Series& series, int capture, const std:
   return out;
 }
 
+}  // namespace
+
+Result<PointCloud> predicted_cloud(const Series& series, int capture, const std::vector<Gauge>& gauges,
+                                   const model::Scanner& scanner, const PredictOptions& options) {
+  const auto placed = placed_of(series, capture, gauges);
+  if (!placed) return tl::unexpected(placed.error());
+  return seen(*placed, static_cast<std::uint64_t>(capture + 1), scanner, options);
+}
+
+Result<std::vector<PointCloud>> predicted_views(const Series& series, int capture, const std::vector<Gauge>& gauges,
+                                                const model::Scanner& scanner, const PredictOptions& options) {
+  if (!series.views) {
+    auto one = predicted_cloud(series, capture, gauges, scanner, options);
+    if (!one) return tl::unexpected(one.error());
+    return std::vector<PointCloud>{*std::move(one)};
+  }
+  auto placed = placed_of(series, capture, gauges);
+  if (!placed) return tl::unexpected(placed.error());
+  for (const auto& p : series.views->references_mm) {
+    placed->push_back(
+        {ArtefactKind::sphere, series.views->reference_diameter_mm, pose_of({p[0], p[1], p[2], 0, 0, 0})});
+  }
+  std::vector<PointCloud> out;
+  for (const auto& t : series.views->turns_deg) {
+    auto turned = *placed;
+    for (auto& one : turned) one.world_from_part = pose_of({0, 0, 0, t[0], t[1], t[2]}) * one.world_from_part;
+    out.push_back(seen(turned, static_cast<std::uint64_t>(100 * (capture + 1)) + out.size(), scanner, options));
+  }
+  return out;
+}
+
 std::vector<std::vector<Eigen::Vector3d>> outlines_of(const Series& series, int capture,
                                                       const std::vector<Gauge>& gauges) {
   std::vector<std::vector<Eigen::Vector3d>> out;
@@ -138,16 +188,17 @@ std::vector<std::vector<Eigen::Vector3d>> outlines_of(const Series& series, int 
         }
       } else {
         const bool flat = p.kind == ArtefactKind::plane;
-        const double x = flat ? kFlatHalfWidth_mm : r;
+        const double x = flat ? p.half_width : r;
         for (const auto& [sx, sy] : {std::pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}, {-1, -1}}) {
-          line.push_back(p.world_from_part * (flat ? Eigen::Vector3d(sx * x, sy * kFlatHalfHeight_mm, 0)
+          line.push_back(p.world_from_part * (flat ? Eigen::Vector3d(sx * x, sy * p.half_height, 0)
                                                    : Eigen::Vector3d(sx * x, 0, sy * kCylinderHalfLength_mm)));
         }
       }
       out.push_back(std::move(line));
     }
-    if (placed.size() == 2) {
-      out.push_back({placed[0].world_from_part.translation_mm, placed[1].world_from_part.translation_mm});
+    for (std::size_t i = 1; i < placed.size(); ++i) {  // what carries the spheres of a bar or a plate
+      if (placed[i].kind != ArtefactKind::sphere) continue;
+      out.push_back({placed[i - 1].world_from_part.translation_mm, placed[i].world_from_part.translation_mm});
     }
   }
   return out;
@@ -204,9 +255,10 @@ Result<std::vector<PredictedSeries>> predict(const Plan& plan, const std::vector
     PredictedSeries one{.scene = series.scene};
     std::vector<CaptureResult> results;
     for (int i = 0; i < series.captures; ++i) {
-      const auto cloud = predicted_cloud(series, i, gauges, scanner, options);
-      if (!cloud) return tl::unexpected(cloud.error());
-      auto result = evaluate_capture(plan, series, i, gauges, *cloud, scanner);
+      const auto clouds = predicted_views(series, i, gauges, scanner, options);
+      if (!clouds) return tl::unexpected(clouds.error());
+      auto result = series.views ? evaluate_views(plan, series, i, gauges, *clouds, scanner)
+                                 : evaluate_capture(plan, series, i, gauges, clouds->front(), scanner);
       if (result) {
         results.push_back(*std::move(result));
       } else {

@@ -35,8 +35,12 @@ struct PredictedSeries {
 Result<PointCloud> predicted_cloud(const Series& series, int capture, const std::vector<Gauge>& gauges,
                                    const model::Scanner& scanner, const PredictOptions& options);
 
-/// The artefacts of a capture as lines to be drawn: spheres as circles that face the projector, a bar's centres joined, a
-/// cylinder and a flat as rectangles. Empty without places.
+/// The views of a series that has them (with the carrier's reference spheres, turned), else the one cloud.
+Result<std::vector<PointCloud>> predicted_views(const Series& series, int capture, const std::vector<Gauge>& gauges,
+                                                const model::Scanner& scanner, const PredictOptions& options);
+
+/// The artefacts of a capture as lines to be drawn: spheres as circles that face the projector, the centres of a
+/// bar or a plate joined, a cylinder, a flat and a step's planes as rectangles. Empty without places.
 std::vector<std::vector<Eigen::Vector3d>> outlines_of(const Series& series, int capture,
                                                       const std::vector<Gauge>& gauges);
 

@@ -22,7 +22,8 @@ constexpr double kMaxStep = 6.0;    // footprints
 constexpr int kNormalHalf = 2;      // half the side of the neighbourhood of eq. 2, px
 constexpr int kMinNeighbours = 13;  // of 25: more than half, so that the middle is not an outer corner
 
-enum class Fate : std::uint8_t { point, invalid, no_intersection, edge, noisy, grazing };
+enum class Fate : std::uint8_t { point, invalid, no_intersection, edge, noisy, grazing, low_modulation, isolated };
+constexpr std::size_t kFates = 8;
 
 void check_they_belong_together(const decode::PhaseMap& map, const model::Scanner& scanner) {
   const model::Camera& camera = scanner.camera;
@@ -216,6 +217,38 @@ void leave_out_edges(Field& field, const Continuity& continuous, int margin) {
   });
 }
 
+void leave_out_dim(Field& field, const Image<float>& modulation, double least) {
+  for (std::size_t i = 0; i < field.fate.values().size(); ++i) {
+    Fate& fate = field.fate.values()[i];
+    if (fate == Fate::point && !(modulation.values()[i] >= least)) fate = Fate::low_modulation;
+  }
+}
+
+/// Piece after piece, each grown from its first pixel.
+void leave_out_isolated(Field& field, const Continuity& continuous, std::size_t min_piece) {
+  const int width = field.fate.width(), height = field.fate.height();
+  Image<std::uint8_t> known(width, height);
+  std::vector<std::pair<int, int>> piece;
+  for (int y0 = 0; y0 < height; ++y0) {
+    for (int x0 = 0; x0 < width; ++x0) {
+      if (known(x0, y0) || field.fate(x0, y0) != Fate::point) continue;
+      piece.assign(1, {x0, y0});
+      known(x0, y0) = 1;
+      for (std::size_t k = 0; k < piece.size(); ++k) {
+        const auto [x, y] = piece[k];
+        for (const auto& [i, j] : {std::pair(x + 1, y), {x - 1, y}, {x, y + 1}, {x, y - 1}}) {
+          if (!field.fate.contains(i, j) || known(i, j) || field.fate(i, j) != Fate::point) continue;
+          if (!continuous(x, y, i, j, 1.0)) continue;
+          known(i, j) = 1;
+          piece.emplace_back(i, j);
+        }
+      }
+      if (piece.size() >= min_piece) continue;
+      for (const auto& [x, y] : piece) field.fate(x, y) = Fate::isolated;
+    }
+  }
+}
+
 /// Eq. 2 in cam, towards the camera; zero where it is not sensible. Edge pixels do not take part.
 Eigen::Vector3d normal_at(const Field& field, const Continuity& continuous, int x, int y) {
   int n = 0;
@@ -272,6 +305,8 @@ Reconstruction Reconstructor::operator()(const decode::PhaseMap& map, const Reco
   }
   const Continuity continuous(field, scanner.camera);
   leave_out_edges(field, continuous, options.edge_margin_px);
+  if (options.min_modulation > 0) leave_out_dim(field, map.modulation, options.min_modulation);
+  if (options.min_piece > 1) leave_out_isolated(field, continuous, static_cast<std::size_t>(options.min_piece));
 
   const Rigid3 world_from_cam = scanner.world_from_cam();
   const Eigen::Matrix3d rotation = world_from_cam.rotation_matrix();
@@ -289,7 +324,7 @@ Reconstruction Reconstructor::operator()(const decode::PhaseMap& map, const Reco
     const auto faces = [&](const Eigen::Vector3d& pupil) { return normal.dot((pupil - p).normalized()) >= min_cosine; };
     return normal.isZero() || (faces(Eigen::Vector3d::Zero()) && faces(light_in_cam)) ? fate : Fate::grazing;
   };
-  using Counts = std::array<std::size_t, 6>;
+  using Counts = std::array<std::size_t, kFates>;
   std::vector<Counts> counts(static_cast<std::size_t>(height), Counts{});
   parallel_for(height, [&](int y) {
     for (int x = 0; x < width; ++x) ++counts[static_cast<std::size_t>(y)][static_cast<std::size_t>(fate_of(x, y))];
@@ -305,6 +340,8 @@ Reconstruction Reconstructor::operator()(const decode::PhaseMap& map, const Reco
   out.n_no_intersection = sums[static_cast<std::size_t>(Fate::no_intersection)];
   out.n_edge = sums[static_cast<std::size_t>(Fate::edge)];
   out.n_grazing = sums[static_cast<std::size_t>(Fate::grazing)];
+  out.n_low_modulation = sums[static_cast<std::size_t>(Fate::low_modulation)];
+  out.n_isolated = sums[static_cast<std::size_t>(Fate::isolated)];
   out.n_noisy = sums[static_cast<std::size_t>(Fate::noisy)];
   out.cloud.points.resize(sums[static_cast<std::size_t>(Fate::point)]);
   parallel_for(height, [&](int y) {

@@ -11,7 +11,9 @@
 //
 // Left out, and counted by the first reason that holds: pixels without phase; pixels whose ray does not meet the
 // plane of light; pixels at an edge, that is within `edge_margin_px` of one of these or of a jump in depth to a
-// neighbour; noisy pixels; grazing ones, where that is asked for. A jump: neighbouring pixels whose points are farther apart than kMaxStep = 6 pixel
+// neighbour; pixels of low modulation, where more is asked for than the decoding does; isolated ones, that is of a piece of
+// connected neighbours (left, right, above, below, no jump between) that has fewer than `min_piece` points; noisy pixels;
+// grazing ones, where that is asked for. A jump: neighbouring pixels whose points are farther apart than kMaxStep = 6 pixel
 // footprints (a surface seen at 80 degrees from its normal) and than six standard uncertainties.
 // Normal: n ~ dP/dx x dP/dy, the two slopes fitted to the points of the 5 x 5 neighbourhood that connect without
 // jump; at least 13 of them, else zero.                                                                           (2)
@@ -33,7 +35,9 @@ enum class ReconstructionModel { full, chen2008, ideal };
 struct ReconstructOptions {
   ReconstructionModel model = ReconstructionModel::full;
   double max_u_along_ray_mm = 1.0;  // a pixel noisier than this along its ray is left out
-  int edge_margin_px = 2;  // pixels this near to an invalid one are left out: blur mixes foreground and background
+  int edge_margin_px = 2;     // pixels this near to an invalid one are left out: blur mixes foreground and background
+  double min_modulation = 0;  // grey levels of the capture; the decoding itself leaves out what is below 4 of 255
+  int min_piece = 1;          // points; a speck of dust or a reflection is a piece of its own. 1: none is left out
   /// Points whose normal stands farther than this from the camera or from the light are left out: there the light is weak
   /// and noise grows with 1 / cos^2. Needs normals; a point without one stays. Absent: none.
   std::optional<double> max_incidence_deg = std::nullopt;
@@ -42,7 +46,8 @@ struct ReconstructOptions {
 
 struct Reconstruction {
   PointCloud cloud;
-  std::size_t n_invalid = 0, n_noisy = 0, n_edge = 0, n_no_intersection = 0, n_grazing = 0;  // left out, by name
+  std::size_t n_invalid = 0, n_noisy = 0, n_edge = 0, n_no_intersection = 0, n_grazing = 0,  // left out, by name
+      n_low_modulation = 0, n_isolated = 0;
 };
 
 /// What stays the same from map to map of one scanner: the rays of its pixels and, once asked for, the phase of its

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
+#include <numbers>
 #include <optional>
 
 namespace fringecal::metrology {
@@ -184,12 +185,21 @@ double sphere_rms(std::span<const View> views, const Spheres& s) {
 
 // ---- surface
 
-/// Nearest points of one view, in its own frame. Points without a normal are left out.
+/// Nearest points of one view, in its own frame. Points without a normal and grazing ones are left out.
 class Surface {
  public:
-  explicit Surface(const PointCloud& cloud) {
-    for (const auto& p : cloud.points) {
-      if (p.normal.squaredNorm() > 0) points_.push_back(&p);
+  Surface(const View& view, double max_incidence_deg) : pupils_(view.pupils) {
+    const double min_cosine = std::cos(max_incidence_deg * std::numbers::pi / 180);
+    for (const auto& p : view.cloud.points) {
+      if (!(p.normal.squaredNorm() > 0)) continue;
+      const auto faces = [&](const Eigen::Vector3d& pupil) {
+        return p.normal.dot((pupil - p.position_mm).normalized()) >= min_cosine;
+      };
+      if (!pupils_ || (faces(pupils_->camera_mm) && faces(pupils_->light_mm))) {
+        points_.push_back(&p);
+      } else {
+        ++n_grazing_;
+      }
     }
     tree_ = std::make_unique<Tree>(3, *this, nanoflann::KDTreeSingleIndexAdaptorParams(16));
     tree_->buildIndex();
@@ -207,10 +217,17 @@ class Surface {
   }
 
   std::size_t size() const { return points_.size(); }
+  std::size_t n_grazing() const { return n_grazing_; }
   const CloudPoint& at(std::size_t i) const { return *points_[i]; }
+  /// Of a point, across a surface with that normal; where the camera is not known, along the normal.
+  double u_across(const CloudPoint& p, const Eigen::Vector3d& normal) const {
+    const double cosine = pupils_ ? std::abs(normal.dot((pupils_->camera_mm - p.position_mm).normalized())) : 1;
+    return p.u_along_ray_mm * cosine;
+  }
 
   struct Foot {
     Eigen::Vector3d point, normal;
+    double u_mm;  // of the mean, across: the second part of eq. 3
   };
   /// q and n of eq. 2, in this view's frame.
   std::optional<Foot> foot_of(const Eigen::Vector3d& p, const RegistrationOptions& o) const {
@@ -220,7 +237,7 @@ class Surface {
     std::vector<double> squared(k);
     tree_->knnSearch(p.data(), k, index.data(), squared.data());
     if (!(squared.front() <= o.max_pair_mm * o.max_pair_mm)) return std::nullopt;
-    Foot out{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+    Foot out{Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero(), 0};
     for (const std::size_t i : index) {
       out.point += points_[i]->position_mm / static_cast<double>(k);
       out.normal += points_[i]->normal;
@@ -229,18 +246,21 @@ class Surface {
     // At a rim all neighbours lie to one side, and the plane would be extrapolated.
     const Eigen::Vector3d across = p - out.point - out.normal * out.normal.dot(p - out.point);
     if (!(across.squaredNorm() <= 0.25 * squared.back())) return std::nullopt;
+    out.u_mm = u_across(*points_[index.front()], out.normal) / std::sqrt(static_cast<double>(k));
     return out;
   }
 
  private:
   using Tree =
       nanoflann::KDTreeSingleIndexAdaptor<nanoflann::L2_Simple_Adaptor<double, Surface>, Surface, 3, std::size_t>;
+  std::optional<View::Pupils> pupils_;
+  std::size_t n_grazing_ = 0;
   std::vector<const CloudPoint*> points_;
   std::unique_ptr<Tree> tree_;
 };
 
 struct Residual {
-  double r;
+  double r, noise, u;       // eqs. 2 and 3; u is the noise, or 1 where the clouds have none
   Eigen::Vector3d x, y, n;  // T_a p, T_b q and the normal, in `part`
 };
 
@@ -256,7 +276,8 @@ std::vector<Residual> residuals_of(const Surface& a, const Surface& b, const Rig
     const Eigen::Vector3d n = part_from_b.rotation * foot->normal;
     if (!(n.dot(part_from_a.rotation * p.normal) >= std::sqrt(0.5))) continue;
     const Eigen::Vector3d x = part_from_a * p.position_mm, y = part_from_b * foot->point;
-    out.push_back({n.dot(x - y), x, y, n});
+    const double noise = std::hypot(a.u_across(p, part_from_a.rotation.inverse() * n), foot->u_mm);  // eq. 3
+    out.push_back({n.dot(x - y), noise, noise > 0 ? noise : 1.0, x, y, n});
   }
   return out;
 }
@@ -290,7 +311,7 @@ void search(const std::vector<std::unique_ptr<Surface>>& surfaces, const std::ve
 double scale_of(const std::vector<ViewPair>& pairs) {
   std::vector<double> all;
   for (const auto& pair : pairs) {
-    for (const auto& r : pair.residuals) all.push_back(r.r);
+    for (const auto& r : pair.residuals) all.push_back(r.r / r.u);
   }
   return all.empty() ? 0 : robust_sd(std::move(all));
 }
@@ -316,7 +337,7 @@ double refine_once(std::span<const View> views, const std::vector<ViewPair>& pai
   };
   for (const auto& pair : pairs) {
     for (const auto& r : pair.residuals) {
-      const double w = tukey(r.r / s) / (s * s);
+      const double w = tukey(r.r / (s * r.u)) / (s * s * r.u * r.u);
       if (!(w > 0)) continue;
       Row row_a, row_b;
       row_a << r.x.cross(r.n), r.n;
@@ -353,22 +374,25 @@ double refine_once(std::span<const View> views, const std::vector<ViewPair>& pai
 void describe(const std::vector<ViewPair>& pairs, double s, Registration& out) {
   for (const auto& pair : pairs) {
     PairResiduals p{.a = pair.a, .b = pair.b};
-    double squares = 0;
+    double squares = 0, noise = 0;
     for (const auto& r : pair.residuals) {
-      if (!(tukey(r.r / s) > 0)) continue;
+      if (!(tukey(r.r / (s * r.u)) > 0)) continue;
       ++p.n_points;
       p.mean_mm += r.r;
       squares += r.r * r.r;
+      noise += r.noise * r.noise;
     }
     if (p.n_points < kMinPairs) continue;
     const auto n = static_cast<double>(p.n_points);
     p.mean_mm /= n;
     p.sd_mm = std::sqrt(std::max(0.0, (squares - n * p.mean_mm * p.mean_mm) / (n - 1)));
+    p.noise_mm = std::sqrt(noise / n);
     out.pairs.push_back(p);
   }
   for (const auto& p : out.pairs) {
     out.mean_deviation_mm += std::abs(p.mean_mm) / static_cast<double>(out.pairs.size());
     out.mean_sd_mm += p.sd_mm / static_cast<double>(out.pairs.size());
+    out.mean_noise_mm += p.noise_mm / static_cast<double>(out.pairs.size());
   }
 }
 
@@ -387,7 +411,10 @@ Result<Registration> register_views(std::span<const View> views, const Registrat
   adjust_spheres(views, *spheres);
   Registration out;
   std::vector<std::unique_ptr<Surface>> surfaces;
-  for (const auto& view : views) surfaces.push_back(std::make_unique<Surface>(view.cloud));
+  for (const auto& view : views) {
+    surfaces.push_back(std::make_unique<Surface>(view, options.max_incidence_deg));
+    out.n_grazing.push_back(surfaces.back()->n_grazing());
+  }
   std::vector<ViewPair> pairs;
   for (std::size_t a = 0; a < views.size(); ++a) {
     for (std::size_t b = 0; b < views.size(); ++b) {

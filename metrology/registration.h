@@ -5,9 +5,15 @@
 // centres onto known ones within `match_mm`, at least three and not on a line.
 //   min over T_i, X_j of  sum |T_i c_ij - X_j|^2,  T_0 = 1                                                        (1)
 // Then the surface, all views and all pairs that overlap at once:
-//   min over T_i of  sum w r^2 / s^2 + sum |T_i c_ij - X_j|^2 / s_c^2,   r = n . (T_a p - T_b q)                   (2)
-// where q is the mean of the `neighbours` points of view b nearest to p, n their mean normal in `part`, w Tukey's weight, s the
-// robust standard deviation of r, s_c that of the centres. Pairs farther apart than max_pair_mm, or whose normals differ by
+//   min over T_i of  sum w r^2 / (s u)^2 + sum |T_i c_ij - X_j|^2 / s_c^2,   r = n . (T_a p - T_b q)               (2)
+//   u^2 = (u_p n . l_p)^2 + (u_q n . l_q)^2 / neighbours                                                          (3)
+// where q is the mean of the `neighbours` points of view b nearest to p, n their mean normal in `part`, u_p and u_q the points'
+// own standard uncertainties along the camera's rays l, w Tukey's weight of r / (s u), s the robust standard deviation of r / u,
+// s_c that of the centres. Clouds without uncertainties: u = 1 mm for all.
+// Grazing points do not take part: those whose normal stands farther than max_incidence_deg from the camera or from the
+// light, as in the evaluation of artefacts (artefact.h, eq. 2), where the view says where these stand. The modulation of a
+// matt surface falls with the cosine of the light's incidence and u(phi) grows with its inverse, so that without this rule the
+// rim of a body, seen at up to 80 degrees by one view of every pair, decides the standard deviation. Pairs farther apart than max_pair_mm, or whose normals differ by
 // more than 45 degrees, do not count. Gauss-Newton; nearest points are searched anew in each iteration.
 // Averaging over neighbours takes b's noise out of r; on a surface of radius R it shifts q by about a^2 / (4 R), a the
 // neighbourhood's radius (1 um for 0.6 mm and 90 mm).
@@ -23,6 +29,7 @@
 
 #include <Eigen/Core>
 
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -33,6 +40,10 @@ struct View {
   std::string name;
   PointCloud cloud;                         // with normals
   std::vector<Eigen::Vector3d> spheres_mm;  // centres of the reference spheres that it sees, in any order
+  struct Pupils {
+    Eigen::Vector3d camera_mm, light_mm;
+  };
+  std::optional<Pupils> pupils = {};  // in the view's frame; absent: no point is told to be grazing
 };
 
 struct RegistrationOptions {
@@ -41,6 +52,7 @@ struct RegistrationOptions {
   int samples_per_view = 5000;
   int neighbours = 12;
   int max_iterations = 30;
+  double max_incidence_deg = 60;
   bool refine = true;  // eq. 2 after eq. 1
 };
 
@@ -48,6 +60,7 @@ struct PairResiduals {
   std::size_t a = 0, b = 0;  // views
   std::size_t n_points = 0;
   double mean_mm = 0, sd_mm = 0;
+  double noise_mm = 0;  // root mean square of eq. 3: what the points' own noise makes of sd; 0 where clouds have no u
 };
 
 struct Registration {
@@ -55,8 +68,9 @@ struct Registration {
   std::vector<Eigen::Vector3d> spheres_mm;  // X_j in `part`
   double sphere_rms_mm = 0;                 // sqrt(mean |T_i c_ij - X_j|^2), after all
   std::vector<PairResiduals> pairs;         // those with at least 100 pairs of points
-  double mean_deviation_mm = 0, mean_sd_mm = 0;
-  int iterations = 0;  // of eq. 2
+  double mean_deviation_mm = 0, mean_sd_mm = 0, mean_noise_mm = 0;
+  std::vector<std::size_t> n_grazing;  // of each view, left out of eq. 2
+  int iterations = 0;                  // of eq. 2
 };
 
 Result<Registration> register_views(std::span<const View> views, const RegistrationOptions& options = {});

@@ -38,7 +38,7 @@ ResidualCloud residual_cloud_from(std::string_view ply, const std::string& name_
 struct MeasuredFeature {
   std::string capture;                                                                  // "ball_bar-03"
   std::string artefact;                                                                 // name in artefacts.toml
-  int part = 0;                                                                         // of a ball bar: 0 or 1
+  int part = 0;                                                                         // of its certificate: 0, 1, ...
   Eigen::Vector3d place_mm = Eigen::Vector3d::Zero();                                   // centre; point of the plane
   Eigen::Vector3d low_mm = Eigen::Vector3d::Zero(), high_mm = Eigen::Vector3d::Zero();  // box of its points
   std::string cloud, cloud_sha256;  // "clouds/ball_bar-03-1.ply" beside the record; empty: not kept

@@ -155,6 +155,13 @@ Result<Figures> figures_of(const std::vector<Body>& bodies, const std::vector<Ga
 Result<std::vector<Body>> bodies_of(const Observation& o) {
   std::vector<NominalArtefact> nominals;
   for (const auto& gauge : o.gauges) {
+    if (gauge.kind == GaugeKind::step || gauge.kind == GaugeKind::sphere_plate) {
+      return unanswerable(
+          fmt::format("{}: a diagnosis is made from spheres, ball bars, cylinders and flats, not from a {}", gauge.name,
+                      name_of(gauge.kind)));
+    }
+  }
+  for (const auto& gauge : o.gauges) {
     for (const auto& nominal : nominals_of(gauge)) nominals.push_back(nominal);
   }
   const auto found = measure_artefacts(o.cloud, o.scanner, nominals);

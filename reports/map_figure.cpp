@@ -130,7 +130,7 @@ std::vector<CertificateFigure> map_figures(const Certificate& c, const Catalogue
       const double px = kTile / (kCells + 1);
       drawing += image_svg(png, left, top + kTile - px * rows_of_cells, px * width, px * rows_of_cells);
       std::string name = maps[k].artefact;
-      if (maps[k].part == 1) name += ", B";
+      if (maps[k].part > 0) name += fmt::format(", {}", static_cast<char>('A' + maps[k].part));
       drawing += svg::words(left, top + kTile + 13, "start", name, 9.5) +
                  svg::words(left, top + kTile + 25, "start", maps[k].capture, 8.5);
       numbers += " " + name + " " + maps[k].capture;

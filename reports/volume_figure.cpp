@@ -120,9 +120,9 @@ class Drawing {
       out += svg::box(x_of(p.low_mm), y_of(p.high_mm), x_of(p.high_mm) - x_of(p.low_mm),
                       y_of(p.low_mm) - y_of(p.high_mm), "none", svg::kQuiet, 0.7);
     }
-    for (std::size_t i = 1; i < places_.size(); ++i) {  // the spheres of a ball bar
+    for (std::size_t i = 1; i < places_.size(); ++i) {  // the spheres of a ball bar or a plate
       const auto &a = places_[i - 1], &b = places_[i];
-      if (b.part == 1 && a.part == 0 && a.artefact == b.artefact && a.first == b.first) {
+      if (b.part == a.part + 1 && a.artefact == b.artefact && a.first == b.first) {
         out += svg::line(x_of(a.at_mm), y_of(a.at_mm), x_of(b.at_mm), y_of(b.at_mm), svg::kBlue, 1);
       }
     }
@@ -132,7 +132,7 @@ class Drawing {
           static_cast<std::size_t>(std::find(artefacts_.begin(), artefacts_.end(), p.artefact) - artefacts_.begin());
       const double x = x_of(p.at_mm), y = y_of(p.at_mm);
       out += svg::mark(mark_of(kind), x, y);
-      if (p.part == 1) continue;  // the bar's other sphere has the number
+      if (p.part > 0) continue;  // the first sphere of a bar has the number
       const double label_x = x + 6.5, label_y = y - 3;
       const bool hidden = std::any_of(labels.begin(), labels.end(), [&](const auto& l) {
         return std::abs(l.first - label_x) < 12 && std::abs(l.second - label_y) < 8;

@@ -30,15 +30,18 @@ double FreeFormSurface::value(const Eigen::Vector3d& p) const {
   return f;
 }
 
-Eigen::Vector3d FreeFormSurface::normal(const Eigen::Vector3d& p) const {
+Eigen::Vector3d FreeFormSurface::gradient(const Eigen::Vector3d& p) const {
   const Eigen::Vector3d q = inverse_half_.cwiseProduct(p);
   const double length = q.norm();
   const Eigen::Vector3d u = q / length;
   Eigen::Vector3d slope = Eigen::Vector3d::Zero();
   for (const Wave& w : waves_) slope += w.amplitude * std::sin(w.k.dot(u) + w.phase) * w.k;
-  const Eigen::Vector3d gradient = u + (slope - u * u.dot(slope)) / length;  // of eq. 1, over q
-  return inverse_half_.cwiseProduct(gradient).normalized();
+  return inverse_half_.cwiseProduct(u + (slope - u * u.dot(slope)) / length);
 }
+
+Eigen::Vector3d FreeFormSurface::normal(const Eigen::Vector3d& p) const { return gradient(p).normalized(); }
+
+double FreeFormSurface::distance_mm(const Eigen::Vector3d& p) const { return value(p) / gradient(p).norm(); }
 
 std::optional<double> FreeFormSurface::hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction,
                                            double t_min) const {

@@ -20,6 +20,8 @@ class FreeFormSurface {
 
   double value(const Eigen::Vector3d& point) const;  // eq. 1
   Eigen::Vector3d normal(const Eigen::Vector3d& point) const;
+  /// f / |grad f|: the distance from the surface to first order, positive outside.
+  double distance_mm(const Eigen::Vector3d& point) const;
   /// t of the first hit of o + t d with t > t_min.
   std::optional<double> hit(const Eigen::Vector3d& origin, const Eigen::Vector3d& direction, double t_min) const;
 
@@ -28,6 +30,8 @@ class FreeFormSurface {
     Eigen::Vector3d k;
     double amplitude, phase;
   };
+  Eigen::Vector3d gradient(const Eigen::Vector3d& point) const;
+
   std::array<Wave, 4> waves_;
   Eigen::Vector3d half_, inverse_half_;
   double bound_, safe_step_;  // bound_: the body lies within |q| <= bound_

@@ -122,6 +122,32 @@ Preset::Placing numbered_places(Fields& f) {
   return out;
 }
 
+std::vector<std::array<double, 3>> triples(Fields& f, const char* key) {
+  const Value list = f.raw(key);
+  if (!list.if_array() || list.if_array()->empty()) f.complain(fmt::format("'{}' must be a list of [x, y, z]", key));
+  std::vector<std::array<double, 3>> out;
+  for (const Value& entry : *list.if_array()) {
+    Fields one(Value::object().set(key, entry), f.file(), key);
+    out.push_back(fixed<3>(one, key));
+  }
+  return out;
+}
+
+/// A plate is as many artefacts as its spheres have diameters and coordinates.
+void read_plate(Fields f, Preset& p) {
+  const auto centres = triples(f, "centres_mm");
+  const Preset::Artefact one{positive(f, "diameter_mm"), not_negative(f, "making_mm"), not_negative(f, "U_mm") / 2.0,
+                             f.optional_number("expansion_per_K").value_or(0)};
+  f.finish();
+  for (const auto& centre : centres) {
+    const std::string name = fmt::format("plate_{}", ++p.plate_spheres);
+    p.artefacts[name] = one;
+    for (const std::size_t k : {0, 1, 2}) {
+      p.artefacts[fmt::format("{}_{}", name, "xyz"[k])] = {centre[k], one.making_mm, one.u_mm, one.expansion_per_K};
+    }
+  }
+}
+
 void read_scenes(Fields f, Preset& p) {
   const auto simple = [&](const char* name, std::initializer_list<const char*> objects) {
     Fields scene = f.table(name);
@@ -152,6 +178,22 @@ void read_scenes(Fields f, Preset& p) {
     p.flat_width_mm = positive(*plate, "width_mm");
     p.flat_height_mm = positive(*plate, "height_mm");
     plate->finish();
+  }
+  for (const auto& [name, placing] :
+       {std::pair("sphere_plate", &p.sphere_plate), std::pair("step", &p.step),
+        std::pair("turned_sphere", &p.turned_sphere), std::pair("turned_bar", &p.turned_bar)}) {
+    auto scene = f.optional_table(name);
+    if (!scene) continue;
+    *placing = numbered_places(*scene);
+    scene->finish();
+  }
+  if (auto carrier = f.optional_table("carrier")) {
+    p.carrier.reference_diameter_mm = positive(*carrier, "reference_diameter_mm");
+    p.carrier.shift_mm = not_negative(*carrier, "shift_mm");
+    p.carrier.turn_deg = not_negative(*carrier, "turn_deg");
+    p.carrier.references_mm = triples(*carrier, "references_mm");
+    p.carrier.turns_deg = triples(*carrier, "turns_deg");
+    carrier->finish();
   }
   if (auto morning = f.optional_table("morning")) {
     p.morning = placing_from(*morning, {"bar", "sphere38", "sphere50", "flat"});
@@ -206,6 +248,12 @@ void read_small_tables(Fields& f, Preset& p) {
                          one.optional_number("expansion_per_K").value_or(0)};
     one.finish();
   }
+  if (auto step = artefacts.optional_table("step")) {
+    p.artefacts["step"] = {positive(*step, "nominal_mm"), not_negative(*step, "making_mm"),
+                           not_negative(*step, "U_mm") / 2.0, step->optional_number("expansion_per_K").value_or(0)};
+    step->finish();
+  }
+  if (auto plate = artefacts.optional_table("plate")) read_plate(*plate, p);
   artefacts.finish();
 }
 

@@ -62,7 +62,9 @@ struct Preset {
   struct Artefact {
     double nominal_mm, making_mm, u_mm, expansion_per_K;
   };
-  // "sphere30", "sphere38", "sphere50", "cylinder"; with a ball bar "bar_a", "bar_b" (its spheres), "bar" (their distance)
+  // "sphere30", "sphere38", "sphere50", "cylinder"; with a ball bar "bar_a", "bar_b" (its spheres), "bar" (their distance);
+  // with a step "step" (its height); with a plate of n spheres "plate_1" .. "plate_n" (diameters) and "plate_1_x", "plate_1_y",
+  // "plate_1_z", ... (coordinates of their centres)
   std::map<std::string, Artefact> artefacts;
 
   struct Placing {
@@ -72,6 +74,14 @@ struct Preset {
   Placing alignment, calibration, plane, spheres, cylinder;
   // Places of the acceptance plans, by "0", "1", ...; without any where the preset has none.
   Placing probing, ball_bar, flat;
+  Placing sphere_plate, step;
+  int plate_spheres = 0;
+  // Things on a carrier that is turned for each view.
+  Placing turned_sphere, turned_bar;
+  struct {
+    double reference_diameter_mm = 0, shift_mm = 0, turn_deg = 0;
+    std::vector<std::array<double, 3>> references_mm, turns_deg;
+  } carrier;
   Placing morning;  // "bar", "sphere38", "sphere50", "flat": all at once, for the daily check
   double flat_width_mm = 0, flat_height_mm = 0;  // of the flat, which is smaller than the board
   double cylinder_length_mm;

@@ -58,8 +58,9 @@ struct ShapeToValue {
 
 }  // namespace
 
-Scene read_scene(const std::filesystem::path& file) {
-  Fields f(read_toml(file), file.string());
+Scene read_scene(const std::filesystem::path& file) { return scene_from(Fields(read_toml(file), file.string())); }
+
+Scene scene_from(Fields f) {
   Scene scene;
   for (Fields& one : f.tables("objects")) {
     SceneObject object;

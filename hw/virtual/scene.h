@@ -57,6 +57,8 @@ struct Scene {
 /// TOML: [[objects]] name, kind = "flat" | "board" | "sphere" | "cylinder" | "free form", position_mm, rotation_deg (rotation
 /// vector), and the shape's own keys.
 Scene read_scene(const std::filesystem::path& file);
+/// The same table out of another document: the key `scene` of a truth file.
+Scene scene_from(Fields fields);
 Value to_value(const Scene& scene);
 
 }  // namespace fringecal::virt

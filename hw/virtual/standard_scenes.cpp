@@ -53,6 +53,45 @@ Scene ball_bar_scene(const SizeOf& size, const Rigid3& pose) {
   return scene;
 }
 
+Rigid3 at(const Eigen::Vector3d& place) { return {Eigen::Quaterniond::Identity(), place}; }
+
+// The spheres of the plate about the pose, the mean of their certified places at its origin.
+Scene sphere_plate_scene(const Preset& preset, const SizeOf& size, const Rigid3& pose) {
+  std::vector<Eigen::Vector3d> centres;
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (int k = 1; k <= preset.plate_spheres; ++k) {
+    const std::string name = fmt::format("plate_{}", k);
+    centres.emplace_back(size(name + "_x"), size(name + "_y"), size(name + "_z"));
+    middle += centres.back() / preset.plate_spheres;
+  }
+  Scene scene;
+  for (int k = 1; k <= preset.plate_spheres; ++k) {
+    const std::string name = fmt::format("plate_{}", k);
+    const Eigen::Vector3d centre = centres[static_cast<std::size_t>(k - 1)] - middle;
+    scene.objects.push_back(object(name, Sphere{size(name)}, pose * at(centre)));
+  }
+  return scene;
+}
+
+// Two planes side by side, the upper one at x > 0.
+Scene step_scene(const SizeOf& size, const Rigid3& pose) {
+  constexpr double kWidth = 60, kHeight = 80;
+  const FlatBoard plane{kWidth, kHeight};
+  return Scene{{object("lower", plane, pose * at({-kWidth / 2, 0, 0})),
+                object("upper", plane, pose * at({kWidth / 2, 0, size("step")}))}};
+}
+
+// What stands on the carrier, turned with it: the references' own places are fixed, as the carrier is one piece.
+Scene on_carrier(const Preset& preset, Scene scene, const Rigid3& turn) {
+  int number = 0;
+  for (const auto& p : preset.carrier.references_mm) {
+    scene.objects.push_back(object(fmt::format("reference {}", ++number), Sphere{preset.carrier.reference_diameter_mm},
+                                   at({p[0], p[1], p[2]})));
+  }
+  for (auto& one : scene.objects) one.world_from_part = turn * one.world_from_part;
+  return scene;
+}
+
 // A plaster model on a turntable, an eighth of a turn further in each view; twelve spheres of 20 mm stand 12 mm off its
 // surface on pins that nobody sees. The table's axis is vertical, 100 mm behind R.
 Scene plaster_scene(int view) {
@@ -78,12 +117,44 @@ Scene plaster_scene(int view) {
   return scene;
 }
 
+// "turned_bar 3.1": the bar at its fourth place, the carrier in its second turn. The bar's place on the carrier is the same in
+// each turn; the turn is a hand's.
+struct TurnedName {
+  std::string kind, number;
+};
+struct Hand {
+  std::uint64_t instrument_seed, how_many_th;
+};
+std::optional<Scene> turned_scene(const Preset& preset, const SizeOf& size, const TurnedName& name, const Hand& hand) {
+  const auto dot = name.number.find('.');
+  if (dot == std::string::npos || dot == 0 || dot + 1 == name.number.size()) return std::nullopt;
+  if (name.number.find_first_not_of("0123456789.") != std::string::npos || name.number.size() > 8) return std::nullopt;
+  const std::string place = name.number.substr(0, dot), view = name.number.substr(dot + 1);
+  if (view.find('.') != std::string::npos) return std::nullopt;
+  const auto turn = static_cast<std::size_t>(std::stoi(view));
+  const Preset::Placing& placing = name.kind == "turned_bar" ? preset.turned_bar : preset.turned_sphere;
+  if (!placing.places.contains(place) || turn >= preset.carrier.turns_deg.size()) return std::nullopt;
+  if (name.kind == "turned_bar" && !preset.artefacts.contains("bar")) return std::nullopt;
+  const auto stream = [&](const std::string& what) {
+    return Stream(
+        hand.instrument_seed,
+        fmt::format("scene {}{}", what, hand.how_many_th > 1 ? fmt::format(", placing {}", hand.how_many_th) : ""));
+  };
+  Stream of_place = stream(name.kind + " " + place), of_turn = stream(name.kind + " " + name.number);
+  const Rigid3 pose = put(placing, placing.places.at(place), of_place);
+  Scene scene = name.kind == "turned_bar" ? ball_bar_scene(size, pose)
+                                          : Scene{{object("sphere30", Sphere{size("sphere30")}, pose)}};
+  const auto& t = preset.carrier.turns_deg[turn];
+  const Preset::Placing turns{preset.carrier.shift_mm, preset.carrier.turn_deg, {}};
+  return on_carrier(preset, std::move(scene), put(turns, {0, 0, 0, t[0], t[1], t[2]}, of_turn));
+}
+
 }  // namespace
 
 Uncertain certificate_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact) {
   const auto& a = artefact_of(preset, artefact);
   const double made = a.nominal_mm + a.making_mm * Stream(instrument_seed, "making of " + artefact).normal();
-  return {std::round(made * 1e4) * 1e-4, a.u_mm};  // a certificate is printed to 0.1 um
+  return {std::round(made * 1e4) / 1e4, a.u_mm};  // a certificate is printed to 0.1 um; divided: the nearest double
 }
 
 double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const std::string& artefact,
@@ -117,14 +188,14 @@ PatternBoard true_board(const Preset& preset, std::uint64_t instrument_seed, con
 }
 
 std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name,
-                                    double room_degC) {
+                                    double room_degC, std::uint64_t how_many_th) {
   const SizeOf size = [&](const std::string& artefact) {
     return true_size_mm(preset, instrument_seed, artefact, room_degC);
   };
   const auto space = name.find(' ');
   const std::string kind = name.substr(0, space), number = space == std::string::npos ? "" : name.substr(space + 1);
   const bool numbered = !number.empty() && number.find_first_not_of("0123456789") == std::string::npos;
-  Stream random(instrument_seed, "scene " + name);
+  Stream random(instrument_seed, "scene " + name + (how_many_th > 1 ? fmt::format(", placing {}", how_many_th) : ""));
   const FlatBoard flat{preset.flat_board_width_mm, preset.flat_board_height_mm};
   if (name == "alignment") {
     return Scene{{object("board", flat, put(preset.alignment, preset.alignment.places.at("place"), random))}};
@@ -162,6 +233,19 @@ std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrume
     const auto pose = place_of(preset.flat);
     if (!pose) return std::nullopt;
     return Scene{{object("flat", FlatBoard{preset.flat_width_mm, preset.flat_height_mm}, *pose)}};
+  }
+  if (kind == "sphere_plate" && preset.plate_spheres > 0) {
+    const auto pose = place_of(preset.sphere_plate);
+    if (!pose) return std::nullopt;
+    return sphere_plate_scene(preset, size, *pose);
+  }
+  if (kind == "step" && preset.artefacts.contains("step")) {
+    const auto pose = place_of(preset.step);
+    if (!pose) return std::nullopt;
+    return step_scene(size, *pose);
+  }
+  if (kind == "turned_sphere" || kind == "turned_bar") {
+    return turned_scene(preset, size, {kind, number}, {instrument_seed, how_many_th});
   }
   if (kind == "plaster" && numbered) return plaster_scene(std::stoi(number));
   if (kind == "morning" && numbered && !preset.morning.places.empty() && preset.artefacts.contains("bar")) {

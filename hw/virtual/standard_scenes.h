@@ -25,8 +25,8 @@ double true_size_mm(const Preset& preset, std::uint64_t instrument_seed, const s
 model::Board certified_board(const Preset& preset, const std::string& kind);
 PatternBoard true_board(const Preset& preset, std::uint64_t instrument_seed, const std::string& kind);
 
-/// See VirtualScanner::standard_scene; empty for another name.
+/// See VirtualScanner::standard_scene; empty for another name. how_many_th: time that a hand puts the things there.
 std::optional<Scene> standard_scene(const Preset& preset, std::uint64_t instrument_seed, const std::string& name,
-                                    double room_degC = 20.0);
+                                    double room_degC = 20.0, std::uint64_t how_many_th = 1);
 
 }  // namespace fringecal::virt

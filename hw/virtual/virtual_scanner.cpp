@@ -240,8 +240,8 @@ Uncertain VirtualScanner::certificate_mm(const std::string& artefact) const {
 bool VirtualScanner::has_standard_scene(const std::string& name) const {
   return virt::standard_scene(instance_->preset, instance_->seed, name).has_value();
 }
-Scene VirtualScanner::standard_scene(const std::string& name, double room_degC) const {
-  auto scene = virt::standard_scene(instance_->preset, instance_->seed, name, room_degC);
+Scene VirtualScanner::standard_scene(const std::string& name, double room_degC, std::uint64_t placing) const {
+  auto scene = virt::standard_scene(instance_->preset, instance_->seed, name, room_degC, placing);
   require(scene.has_value(), "a standard scene is asked for by one of its names");
   return *std::move(scene);
 }
@@ -294,6 +294,21 @@ std::vector<Eigen::Vector3d> VirtualScanner::true_corners_mm(const PatternBoard&
   return out;
 }
 
+int VirtualScanner::plate_spheres() const { return instance_->preset.plate_spheres; }
+
+namespace {
+
+/// What an artefact's size is.
+const char* key_of(const std::string& artefact) {
+  if (artefact == "bar") return "distance_mm";
+  if (artefact == "step") return "height_mm";
+  return artefact.starts_with("plate_") && std::string_view("xyz").find(artefact.back()) != std::string_view::npos
+             ? "coordinate_mm"
+             : "diameter_mm";
+}
+
+}  // namespace
+
 Value VirtualScanner::truth(const InstrumentState& state) const {
   const Instance& in = *instance_;
   const model::Scanner scanner = true_scanner(state);
@@ -302,7 +317,7 @@ Value VirtualScanner::truth(const InstrumentState& state) const {
   for (const auto& [name, artefact] : in.preset.artefacts) {
     const Uncertain certificate = certificate_mm(name);
     artefacts.set(name, Value::object()
-                            .set(name == "bar" ? "distance_mm" : "diameter_mm", true_size_mm(in.preset, in.seed, name))
+                            .set(key_of(name), true_size_mm(in.preset, in.seed, name))
                             .set("certificate_mm", certificate.value)
                             .set("u_certificate_mm", certificate.u));
   }

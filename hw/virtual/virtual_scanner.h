@@ -111,14 +111,19 @@ class VirtualScanner {
   /// kind: "chessboard" or "circles".
   model::Board certified_board(const std::string& kind) const;
   /// The certificate of an artefact: value and standard uncertainty, mm. name: "sphere30", "sphere38", "sphere50",
-  /// "cylinder", "bar_a", "bar_b" (the ball bar's spheres), "bar" (the distance of their centres).
+  /// "cylinder", "bar_a", "bar_b" (the ball bar's spheres), "bar" (the distance of their centres), "step" (its height),
+  /// "plate_2" (a diameter), "plate_2_x" (a coordinate of its centre).
   Uncertain certificate_mm(const std::string& artefact) const;
+
+  /// How many spheres the preset's plate has; 0: there is none.
+  int plate_spheres() const;
 
   /// Scenes of the standard commissioning, by name: "alignment", "calibration 0" .. "calibration 14", "plane R" (R:
   /// repeat, a slightly different place each), "spheres R", "cylinder R"; of the acceptance plans "probing P",
-  /// "ball_bar P", "flat P" (P: place); of the daily check "morning R"; "plaster V" (V: view, an eighth of a turn each). Throws std::logic_error on another name.
-  /// Artefacts are as large as the room's temperature makes them.
-  Scene standard_scene(const std::string& name, double room_degC = 20.0) const;
+  /// "ball_bar P", "flat P", "sphere_plate P", "step P" (P: place), "turned_sphere P.V", "turned_bar P.V" (V: view); of the daily check "morning R"; "plaster V" (V: view, an eighth of a turn each). Throws std::logic_error on another name.
+  /// Artefacts are as large as the room's temperature makes them. placing: a hand never puts a thing back exactly; another
+  /// number is another draw of its scatter.
+  Scene standard_scene(const std::string& name, double room_degC = 20.0, std::uint64_t placing = 1) const;
   bool has_standard_scene(const std::string& name) const;
   /// How many calibration scenes the preset has.
   int calibration_scenes() const;

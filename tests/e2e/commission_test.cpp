@@ -1,4 +1,5 @@
 // The whole way on the virtual scanner, held against its truth: three instruments, each with its own errors.
+#include "cli/virtual_verification.h"
 #include "core/file.h"
 #include "core/value.h"
 #include "tests/e2e/instrument_accuracy.h"
@@ -63,6 +64,24 @@ void verifies_and_records(const fs::path& commissioning, const fs::path& history
   }
   // The alignment, the calibration, and the verification twice.
   EXPECT_NE(check.output.find("4 entries, unaltered"), std::string::npos) << check.output;
+}
+
+/// A second verification measures anew: other frames, from an artefact put there again; its number is taken once.
+void measures_anew(const fs::path& commissioning, const fs::path& verification) {
+  EXPECT_EQ(number(read_json(verification / "run.json"), "run"), 1);
+  const cli::VirtualVerification v(commissioning);
+  EXPECT_EQ(v.take_run("vdi2634-2"), 2) << "the first is that of the folder";
+  EXPECT_EQ(v.take_run("vdi2634-2"), 3);
+  EXPECT_EQ(v.take_run("paper"), 1) << "each plan counts for itself";
+  const auto bytes_of = [](const Capture& capture) {
+    std::string out;
+    for (const GrayImage& frame : capture.frames) {
+      std::visit([&](const auto& i) { out.append(reinterpret_cast<const char*>(i.data()), i.size() * sizeof(*i.data())); },
+                 frame);
+    }
+    return out;
+  };
+  EXPECT_TRUE(bytes_of(v.capture("vdi2634-2", "probing 0", 1)) != bytes_of(v.capture("vdi2634-2", "probing 0", 2)));
 }
 
 /// The whole instrument's accuracy, held against the truth. Long: ten repeats, seven bars.
@@ -156,6 +175,7 @@ TEST_P(CommissioningOfSeed, EndsAlignedWithEveryArtefactWithinItsLimits) {
   }
   EXPECT_EQ(spheres_and_cylinders, 4);
   verifies_and_records(scratch / "c", scratch / "history.db", truth);
+  measures_anew(scratch / "c", scratch / "v");
   if (GetParam() == 1) measures_accurately(scratch / "c", false);
 }
 

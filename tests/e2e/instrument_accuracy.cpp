@@ -6,6 +6,8 @@
 #include "metrology/artefact.h"
 #include "metrology/reconstruct.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -26,7 +28,9 @@ struct Measured {
 Measured measured(const cli::VirtualVerification& v, const model::Scanner& scanner, const std::string& plan,
                   const std::string& scene, int place) {
   const auto& table = scanner.linearisation;
-  auto map = decode::decode_for_measuring(v.capture(plan, scene, place), CodeAxis::x, table ? &*table : nullptr).map;
+  auto map = decode::decode_for_measuring(v.capture(plan, fmt::format("{} {}", scene, place)), CodeAxis::x,
+                                          table ? &*table : nullptr)
+                 .map;
   auto cloud = metrology::reconstruct(map, scanner, {.normals = false}).cloud;
   return {std::move(map), std::move(cloud)};
 }

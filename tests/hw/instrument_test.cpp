@@ -1,4 +1,6 @@
 #include "core/error.h"
+#include "hw/virtual/free_form.h"
+#include "hw/virtual/scene_distance.h"
 #include "tests/hw/virtual_support.h"
 
 #include <gmock/gmock.h>
@@ -118,9 +120,54 @@ TEST(StandardScenes, BoardsStayInsideTheImageAndOnLitGround) {
   }
 }
 
+// A hand puts things back elsewhere, within five of its scatter in each coordinate; the carrier keeps what stands on it.
+TEST(StandardScenes, AreLaidOutAnewByAnotherPlacing) {
+  const VirtualScanner scanner("chen2008", 1);
+  const auto at = [&](const std::string& name, std::uint64_t placing) {
+    return scanner.standard_scene(name, 20, placing).objects.front().world_from_part.translation_mm;
+  };
+  for (const char* name : {"probing 2", "sphere_plate 1", "step 0", "turned_bar 2.1"}) {
+    EXPECT_EQ(at(name, 1), scanner.standard_scene(name).objects.front().world_from_part.translation_mm) << name;
+    EXPECT_NE(at(name, 1), at(name, 2)) << name;
+    EXPECT_LT((at(name, 1) - at(name, 2)).norm(), 20) << name;
+  }
+  const auto first = scanner.standard_scene("turned_bar 2.0").objects,
+             second = scanner.standard_scene("turned_bar 2.1").objects;
+  ASSERT_EQ(first.size(), 11u);  // two spheres, a rod, eight references
+  const auto apart = [](const std::vector<SceneObject>& objects) {
+    return (objects[0].world_from_part.translation_mm - objects[7].world_from_part.translation_mm).norm();
+  };
+  EXPECT_NEAR(apart(first), apart(second), 1e-9);
+  EXPECT_GT((first[0].world_from_part.translation_mm - second[0].world_from_part.translation_mm).norm(), 1);
+}
+
+// Off each surface by h along its normal the distance is h; of the free form to second order, h^2 / 2R with R above 20 mm.
+TEST(SceneDistance, IsThatOfTheNearestSurface) {
+  const VirtualScanner scanner("chen2008", 1);
+  const Scene scene = scanner.standard_scene("plaster 3");
+  const auto distance = distance_from(scene);
+  const SceneObject& plaster = scene.objects.front();
+  const FreeForm form = std::get<FreeForm>(plaster.shape);
+  const FreeFormSurface surface({form.length_mm / 2, form.height_mm / 2, form.depth_mm / 2}, form.relief,
+                                static_cast<std::uint64_t>(form.seed));
+  for (const Eigen::Vector3d& towards :
+       {Eigen::Vector3d(1, 0.2, 0.3), Eigen::Vector3d(-0.5, -1, 0.4), Eigen::Vector3d(0, 0.3, -1)}) {
+    const Eigen::Vector3d out = towards.normalized();
+    const Eigen::Vector3d foot = (1000 - surface.hit(1000 * out, -out, 0).value()) * out;
+    for (const double h : {-0.2, 0.0, 0.2}) {
+      const Eigen::Vector3d p = plaster.world_from_part * Eigen::Vector3d(foot + h * surface.normal(foot));
+      EXPECT_NEAR(distance(p), h, 0.2 * 0.2 / (2 * 20) + 1e-6);
+    }
+  }
+  const SceneObject& sphere = scene.objects.back();
+  const double radius = std::get<Sphere>(sphere.shape).diameter_mm / 2;
+  EXPECT_NEAR(distance(sphere.world_from_part * Eigen::Vector3d(0, radius + 0.3, 0)), 0.3, 1e-9);
+}
+
 TEST(StandardScenes, RefuseAnotherName) {
   const VirtualScanner scanner("chen2008", 1);
-  for (const char* name : {"sphere 0", "calibration 15", "plane", "plane x", "alignment 1", ""}) {
+  for (const char* name : {"sphere 0", "calibration 15", "plane", "plane x", "alignment 1", "turned_bar 0",
+                           "turned_bar 0.9", "turned_bar 9.0", "turned_sphere 0.0.0", "step 9", ""}) {
     EXPECT_THROW(scanner.standard_scene(name), std::logic_error) << name;
   }
 }

@@ -38,12 +38,50 @@ Gauge bar150() {
   return g;
 }
 
+Gauge plate3() {
+  Gauge g = sphere30();
+  g.name = "plate3";
+  g.kind = GaugeKind::sphere_plate;
+  g.diameter_mm = {25.001, 25.002, 24.9994};
+  g.centres_mm = {{0, 0, 0}, {100.0021, 0, 0.01}, {30.5, 70.25, 0}};
+  g.U_distance_mm = 0.0015;
+  return g;
+}
+
+Gauge step20() {
+  Gauge g = sphere30();
+  g.name = "step20";
+  g.kind = GaugeKind::step;
+  g.diameter_mm = {};
+  g.U_diameter_mm = 0;
+  g.distance_mm = 20.0013;
+  g.U_distance_mm = 0.0008;
+  return g;
+}
+
 TEST(Gauges, SurviveTheWayThroughTheirFile) {
   const TemporaryFolder folder;
-  const auto file = folder.write("artefacts.toml", to_toml({sphere30(), bar150()}));
+  const std::vector<Gauge> all = {sphere30(), bar150(), plate3(), step20()};
+  const auto file = folder.write("artefacts.toml", to_toml(all));
   const auto read = read_gauges(file);
-  ASSERT_EQ(read.size(), 2u);
-  EXPECT_EQ(to_json(to_value(read)), to_json(to_value({sphere30(), bar150()})));
+  ASSERT_EQ(read.size(), 4u);
+  EXPECT_EQ(to_json(to_value(read)), to_json(to_value(all)));
+  EXPECT_NE(to_toml(all).find("height_mm = 20.0013\n"), std::string::npos) << "as the certificate has it";
+}
+
+TEST(Gauges, OfSeveralPartsSayWhatLiesBetweenThem) {
+  EXPECT_EQ(distances_of(sphere30()).size(), 0u);
+  EXPECT_EQ(distances_of(step20()).front().name, "height");
+  const auto distances = distances_of(plate3());
+  ASSERT_EQ(distances.size(), 3u);
+  EXPECT_EQ(distances[1].name, "distance 1-3");
+  EXPECT_NEAR(distances[1].value_mm, std::hypot(30.5, 70.25), 1e-12);
+  EXPECT_EQ(used(plate3(), false).values.size(), 7u);  // three diameters, three distances, the form
+  const TemporaryFolder folder;
+  std::string text = to_toml({plate3()});
+  text.replace(text.find("centres_mm"), 10, "centers_mm");
+  const auto said = message_of<InputError>([&] { read_gauges(folder.write("a.toml", text)); });
+  EXPECT_NE(said.find("centres_mm is a list of 3 to 12 centres"), std::string::npos) << said;
 }
 
 TEST(Gauges, AreRefusedWithFileKeyAndReason) {
@@ -55,7 +93,8 @@ TEST(Gauges, AreRefusedWithFileKeyAndReason) {
     return message_of<InputError>([&] { read_gauges(folder.write("a.toml", changed)); });
   };
   EXPECT_NE(with("diameter_mm = 30.001", "diameter_mm = -3").find("diameter_mm is -3"), std::string::npos);
-  EXPECT_NE(with("\"sphere\"", "\"ball\"").find("known: sphere, ball_bar, flat, cylinder"), std::string::npos);
+  EXPECT_NE(with("\"sphere\"", "\"ball\"").find("known: sphere, ball_bar, sphere_plate, flat, cylinder, step"),
+            std::string::npos);
   EXPECT_NE(with("2028-01-01", "2025-01-01").find("valid_until is before date"), std::string::npos);
   EXPECT_NE(with("laboratory", "labratory").find("a.toml"), std::string::npos);
 }

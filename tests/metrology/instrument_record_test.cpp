@@ -78,7 +78,7 @@ TEST(HistorySeries, HasTheInstrumentsOwnQuantitiesBesideThoseOfVerifications) {
     History history(file, History::Access::write);
     for (int i = 1; i <= 3; ++i) append_once(history, alignment(i, 10.0 * i));
     history.append("verification", to_value(v), v.ended);
-    history.append("certificate", Value::object().set("schema", "other"), v.ended);
+    history.append("certificate", Value::object().set("schema", "other").set("number", "K-2026-\"17\""), v.ended);
   }
   const History history(file, History::Access::read);
   const auto found = series_of(history, {"delta", kScannerItself, "as found"});
@@ -114,6 +114,7 @@ TEST(HistorySeries, HasTheInstrumentsOwnQuantitiesBesideThoseOfVerifications) {
   EXPECT_EQ(keys.front().symbol, "delta");
   EXPECT_EQ(keys.back().symbol, "temperature");
   history.each([&](const HistoryView& entry) {
+    if (entry.kind == "certificate") EXPECT_EQ(summary_of(entry), "No. K-2026-\"17\"");
     if (entry.number == 1) {
       EXPECT_EQ(summary_of(entry), "scanner \"A\": aligned after 1 turns");
     } else if (entry.number == 4) {

@@ -93,6 +93,28 @@ TEST(Reconstruct, LeavesOutByNameWhatItCannotUse) {
   EXPECT_EQ(result.cloud.points.size(), 320u * 240u - 26u);
 }
 
+// Counted by hand: a speck of 3 x 3 pixels 40 mm above a board is a piece of its own (its edge is a jump), one pixel has half of
+// the modulation. Without an edge margin the speck keeps its 9 points, and the board its own.
+TEST(Reconstruct, LeavesOutDimAndIsolatedPointsWhereAsked) {
+  const auto scanner = sample_scanner();
+  const auto board = exact_map(scanner, test::plane({0, 0, 0}, Eigen::Vector3d::UnitZ()));
+  const auto above = exact_map(scanner, test::plane({0, 0, 40}, Eigen::Vector3d::UnitZ()));
+  auto map = board;
+  for (int y = 100; y < 103; ++y) {
+    for (int x = 150; x < 153; ++x) map.phase_rad(x, y) = above.phase_rad(x, y);
+  }
+  const float usual = map.modulation(0, 0);
+  ASSERT_GT(usual, 0);
+  map.modulation(10, 20) = 0.5f * usual;
+  const auto all = reconstruct(map, scanner, {.edge_margin_px = 0});
+  EXPECT_EQ(all.n_isolated + all.n_low_modulation, 0u);
+  const auto some = reconstruct(map, scanner, {.edge_margin_px = 0, .min_modulation = 0.75 * usual, .min_piece = 10});
+  EXPECT_EQ(some.n_isolated, 9u);
+  EXPECT_EQ(some.n_low_modulation, 1u);
+  EXPECT_EQ(some.cloud.points.size(), all.cloud.points.size() - 10u);
+  EXPECT_EQ(reconstruct(map, scanner, {.edge_margin_px = 0, .min_piece = 9}).n_isolated, 0u);
+}
+
 // The rule is on the normal found in the map; what it left is what an unfiltered cloud has within the angle.
 TEST(Reconstruct, LeavesOutGrazingPointsWhereAsked) {
   const auto scanner = sample_scanner();

@@ -51,6 +51,7 @@ TEST(Budget, HasTheFactorsOfGumTableG2) {
   EXPECT_NEAR(student_factor(10, 0.9545), 2.28, 0.005);
   EXPECT_NEAR(student_factor(50, 0.99), 2.68, 0.005);
   EXPECT_NEAR(student_factor(kInfiniteNu, 0.9545), 2.0, 0.0005);
+  EXPECT_NEAR(student_factor(kInfiniteNu, kCoverage), 2.0, 1e-14);  // two standard deviations, to all digits
 }
 
 TEST(Budget, CutsTheDegreesOfFreedomToTheNextLowerInteger) {
