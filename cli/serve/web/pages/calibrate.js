@@ -135,7 +135,8 @@ export function show(main) {
   const draw = async (c) => {
     const mine = ++drawn, data = await get('/api/calibration'), k = c.calibration, planned = c.poses_planned ?? 0;
     if (mine !== drawn) return;
-    const pose = Math.min(chosen ?? data.poses - 1, data.poses - 1);
+    // Unless one is chosen: the newest whose corners are found, else the newest.
+    const found = data.seen.reduce((last, s, i) => (s ? i : last), data.poses - 1), pose = Math.min(chosen ?? found, data.poses - 1);
     const showPose = (i) => {
       chosen = i;
       draw(c).catch((error) => { trouble.textContent = error.message; });
@@ -155,10 +156,10 @@ export function show(main) {
     replace(grid, picture, where, result && card('calibrate.residuals', residuals(data)), map, result && card('calibrate.volume', volume(data)),
       data.parameters && card('calibrate.parameters', parameters(data)));
     if (!result) return;
-    const found = await get('/api/calibration/map');
+    const known = await get('/api/calibration/map');
     if (mine !== drawn) return;
-    replace(where, el('h2', t('calibrate.coverage')), coverage(data, found.next));
-    replace(map, el('h2', t('calibrate.map')), uncertainty(found));
+    replace(where, el('h2', t('calibrate.coverage')), coverage(data, known.next));
+    replace(map, el('h2', t('calibrate.map')), uncertainty(known));
   };
   return watch((state) => {
     const c = state.commissioning, now = JSON.stringify([c.poses, c.seen, c.so_far, c.calibration?.date, c.report?.date, document.documentElement.lang]);
