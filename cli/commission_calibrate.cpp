@@ -21,6 +21,10 @@ Value corner_places(const model::BoardObservation& observation, int width_px, in
   return Value::object().set("width_px", width_px).set("height_px", height_px).set("x_px", x).set("y_px", y);
 }
 
+/// With the poses so far, for whoever watches; where they do not suffice the file stays as it was.
+constexpr int kSoFarFrom = 5, kSoFarEvery = 5;
+constexpr const char* kSoFar = "calibration/so-far.json";
+
 }  // namespace
 
 void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
@@ -31,6 +35,9 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   const Stopwatch watch;
   const InstrumentSheet& sheet = instrument.sheet();
   const model::Board& board = sheet.board;
+  calib::CalibrationOptions options;
+  options.pixel_mm = sheet.pixel_mm;
+  options.working_distance_mm = sheet.working_distance_mm;
   const model::PhaseLinearisation linearisation = load_linearisation(session);
   std::vector<model::BoardObservation> observations;
   int width_px = 0, height_px = 0;
@@ -51,6 +58,12 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
         session.store(name + "-corners.json",
                       corner_places(*observation, capture.info.width_px, capture.info.height_px));
         observations.push_back(std::move(*observation));
+        const auto count = static_cast<int>(observations.size());
+        if (count >= kSoFarFrom && count < kBoardPoses && count % kSoFarEvery == 0) {
+          const auto so_far = calib::calibrate(observations, board, capture.info.width_px, capture.info.height_px,
+                                               sheet.plan(), options);
+          if (so_far) model::write_scanner(session.path(kSoFar), *so_far);
+        }
       } else {
         pose.set("reason", observation.error().sentence);
       }
@@ -61,9 +74,6 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   behind.finish();
   instrument.check_stop();
   progress.start("calibrating, solving for camera and projector");
-  calib::CalibrationOptions options;
-  options.pixel_mm = sheet.pixel_mm;
-  options.working_distance_mm = sheet.working_distance_mm;
   const auto calibrated = calib::calibrate(observations, board, width_px, height_px, sheet.plan, options);
   const std::string folder = session.path("calibration").string();
   if (!calibrated) throw InputError(fmt::format("{}: {}", folder, calibrated.error().sentence));
@@ -75,6 +85,7 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   scanner.provenance = provenance;
   model::write_scanner(session.path("scanner.json"), scanner);
   session.store("calibration/poses.json", Value::object().set("poses", poses).set("duration_s", watch.seconds()));
+  std::filesystem::remove(session.path(kSoFar));
   progress.done(Weights::solve);
   progress.finish_step(
       fmt::format("calibrated from {} poses: camera rms {:.3f} px, projector rms {:.2g} {}, board "

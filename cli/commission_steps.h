@@ -6,6 +6,7 @@
 //   linearisation.json         the phase-linearisation table from them
 //   calibration/pose-NN/       Captures of the board
 //   calibration/pose-NN-corners.json  where its corners are in the picture
+//   calibration/so-far.json    the Scanner of the poses so far, until scanner.json is there
 //   calibration/poses.json     which of them were used
 //   scanner.json               camera, projector, and the paper's closed form fitted to them
 //   verification/SCENE-NN.json one repeat: every artefact through the three models; frames and deviation maps stay of

@@ -11,46 +11,43 @@ namespace {
 
 constexpr int kCells = 8;  // of the image, along each side
 
-struct Residual {
-  Eigen::Vector2d e;
-  std::array<int, 3> group;  // pose, image, board
-};
-
 struct Mean {
   Eigen::Vector2d sum = Eigen::Vector2d::Zero();
   int count = 0;
 };
 
-std::vector<Residual> residuals_of(const model::Scanner& s) {
-  std::vector<Residual> out;
+/// Pose, cell of the image, corner of the board.
+std::array<int, 3> groups_of(const CornerResidual& r, const model::Scanner& s) {
+  const auto cell = [](double at, int size) {
+    return std::min(kCells - 1, std::max(0, static_cast<int>(kCells * at / size)));
+  };
+  return {r.pose, cell(r.pixel_px.y(), s.camera.height_px) * kCells + cell(r.pixel_px.x(), s.camera.width_px),
+          r.row * s.board->columns + r.column};
+}
+
+}  // namespace
+
+std::vector<CornerResidual> corner_residuals(const model::Scanner& s) {
+  std::vector<CornerResidual> out;
   for (std::size_t pose = 0; pose < s.observations.size(); ++pose) {
     for (const auto& c : s.observations[pose].corners) {
       if (!c.used) continue;
       const auto seen = s.camera.project(s.cam_from_board[pose] * s.corner_mm(c.column, c.row));
-      if (!seen) continue;
-      const auto cell = [](double at, int size) {
-        return std::min(kCells - 1, std::max(0, static_cast<int>(kCells * at / size)));
-      };
-      out.push_back({c.pixel - *seen,
-                     {static_cast<int>(pose),
-                      cell(c.pixel.y(), s.camera.height_px) * kCells + cell(c.pixel.x(), s.camera.width_px),
-                      c.row * s.board->columns + c.column}});
+      if (seen) out.push_back({static_cast<int>(pose), c.column, c.row, c.pixel, c.pixel - *seen});
     }
   }
   return out;
 }
 
-}  // namespace
-
 Result<std::vector<Whiteness>> residual_whiteness(const model::Scanner& s) {
   if (!s.board) return unanswerable(fmt::format("the Scanner '{}' does not know its board", s.name));
-  const auto residuals = residuals_of(s);
+  const auto residuals = corner_residuals(s);
   if (residuals.size() < 50) {
     return unanswerable(
         fmt::format("{} corners are too few to judge their residuals; 50 are needed", residuals.size()));
   }
   double squares = 0;
-  for (const auto& r : residuals) squares += r.e.squaredNorm();
+  for (const auto& r : residuals) squares += r.residual_px.squaredNorm();
   const double n = static_cast<double>(residuals.size()), variance = squares / (2.0 * n);
   if (!(variance > 0)) return unanswerable("the residuals are all zero");
   std::vector<Whiteness> out;
@@ -58,8 +55,8 @@ Result<std::vector<Whiteness>> residual_whiteness(const model::Scanner& s) {
   for (std::size_t k = 0; k < 3; ++k) {
     std::map<int, Mean> groups;
     for (const auto& r : residuals) {
-      auto& g = groups[r.group[k]];
-      g.sum += r.e;
+      auto& g = groups[groups_of(r, s)[k]];
+      g.sum += r.residual_px;
       ++g.count;
     }
     Whiteness w;

@@ -12,10 +12,19 @@
 #include "calib/model/scanner.h"
 #include "core/result.h"
 
+#include <Eigen/Core>
+
 #include <string>
 #include <vector>
 
 namespace fringecal::metrology {
+
+/// What is left of a corner in use: measured minus projected, px.
+struct CornerResidual {
+  int pose = 0, column = 0, row = 0;  // of the observations; of the board
+  Eigen::Vector2d pixel_px = Eigen::Vector2d::Zero(), residual_px = Eigen::Vector2d::Zero();
+};
+std::vector<CornerResidual> corner_residuals(const model::Scanner& scanner);
 
 struct Whiteness {
   std::string over;  // "pose", "image", "board"

@@ -12,7 +12,7 @@ namespace fringecal::cli::serve {
 
 class CaptureWatch {
  public:
-  static constexpr std::chrono::milliseconds kPeriod{300};
+  static constexpr std::chrono::milliseconds kPeriod{500};
 
   /// folder: of the commissioning.
   explicit CaptureWatch(std::filesystem::path folder) : folder_(std::move(folder)) {}

@@ -17,6 +17,7 @@
 
 #include <chrono>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 namespace fringecal::cli::serve {
@@ -210,7 +211,8 @@ void LiveFeed::give_way(const std::function<void()>& action) {
 std::function<std::optional<std::string>()> LiveFeed::events() {
   auto watcher = std::make_shared<Watcher>(*this);
   begin();
-  return [this, watcher]() -> std::optional<std::string> {
+  return [this, watcher, begun = false]() mutable -> std::optional<std::string> {
+    if (!std::exchange(begun, true)) return "retry: 500\n\n";  // ms until a browser asks again after the end
     std::unique_lock hold(mutex_);
     changed_.wait_for(hold, std::chrono::seconds(1), [&] { return watcher->seen != version_ || over_; });
     if (watcher->seen != version_) {

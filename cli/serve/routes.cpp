@@ -63,6 +63,11 @@ HttpResponse get(const HttpRequest& request, Rooms r) {
   if (path == "/api/live") return {.events = r.live.events()};
   if (path == "/api/alignment") return json(r.workbench.alignment());
   if (path == "/api/calibration") return json(r.workbench.calibration());
+  if (path == "/api/calibration/map") return json(r.workbench.calibration_map());
+  if (path == "/api/calibration/picture") {
+    return json(r.workbench.calibration_picture(
+        static_cast<int>(std::clamp<std::int64_t>(number(asked(request, "pose")), 0, 99))));
+  }
   if (path == "/api/verification") return json(r.workbench.verification(asked(request, "name")));
   if (path == "/api/verification/space") return json(r.workbench.verification_space(asked(request, "name")));
   if (path == "/api/verification/cloud") {

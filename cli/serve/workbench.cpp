@@ -133,6 +133,8 @@ Value Workbench::commissioning_state(Value& trouble) const {
     out.set("alignment", aligned);
   });
   out.set("poses", captures_in(folder / "calibration")).set("poses_planned", kPoses);
+  out.set("seen", files_in(folder / "calibration", ".json"));  // the page asks again when one is added
+  if (there(folder / "calibration/so-far.json")) out.set("so_far", date_of(folder / "calibration/so-far.json"));
   part("scanner.json", [&](const Value& v) {
     Value calibrated = Value::object().set("date", date_of(folder / "scanner.json"));
     copy(at(v, {"residuals"}), calibrated,
@@ -214,24 +216,6 @@ Value Workbench::alignment() const {
   if (there(commissioning() / "report.json")) {
     const Value section = at(cached(commissioning() / "report.json"), {"alignment"});
     copy(section, out, {"before", "after"});
-  }
-  return out;
-}
-
-Value Workbench::calibration() const {
-  Value out = Value::object().set("poses", captures_in(commissioning() / "calibration"));
-  if (there(commissioning() / "scanner.json")) {
-    const Value scanner = cached(commissioning() / "scanner.json");
-    copy(scanner, out, {"camera", "projector", "residuals", "observations", "cam_from_board", "board", "method"});
-  }
-  Value seen = Value::array();
-  for (const auto& name : names_in(commissioning() / "calibration")) {
-    if (name.ends_with("-corners.json")) seen.append(cached(commissioning() / "calibration" / name));
-  }
-  out.set("seen", seen);
-  if (there(commissioning() / "report.json")) {
-    const Value section = at(cached(commissioning() / "report.json"), {"calibration"});
-    copy(section, out, {"parameters", "camera_residuals", "projector_residuals", "image_width_px", "image_height_px"});
   }
   return out;
 }

@@ -32,8 +32,13 @@ class Workbench {
   Value state(const Value& job) const;
   /// The alignment's record and the profiles of the report, as they stand.
   Value alignment() const;
-  /// Residuals, parameters and the board's places.
+  /// Residuals, parameters and the board's places; `so_far` where poses are still to come.
   Value calibration() const;
+  /// What it is uncertain by over a plane of the volume, and where to hold the board next: {rms_mm, worst_mm, open,
+  /// section?, next}; empty where there is no Scanner yet.
+  Value calibration_map() const;
+  /// The board as the camera saw it in a pose: the mean of its phase frames, which has no fringes. Throws InputError.
+  Value calibration_picture(int pose) const;
   /// The record of one verification of the list, or its captures so far. Throws InputError.
   Value verification(const std::string& name) const;
   /// The same in space: {camera, code: outlines of the fields; positions: [{capture, artefacts: [{name, place, lines?}],
@@ -61,6 +66,8 @@ class Workbench {
  private:
   Value commissioning_state(Value& trouble) const;
   Value verifications(Value& trouble) const;
+  /// scanner.json, or that of the poses so far; empty where neither is there.
+  std::filesystem::path scanner_file() const;
   std::filesystem::path verification_folder(const std::string& name) const;
   /// Of a verification: from its record, or from the folder's name that this page gave it. Throws InputError.
   std::string plan_of(const std::string& name) const;

@@ -70,7 +70,7 @@ class ScannerView {
   std::mutex mutex_;
   std::pair<SceneKey, std::shared_ptr<const SeenScene>> seen_;
   std::condition_variable_any changed_;
-  std::optional<Request> wanted_, under_way_;  // the next picture, by the thread
+  std::optional<Request> wanted_, under_way_;                  // the next picture, by the thread
   std::optional<std::pair<Request, GrayImage>> ready_, last_;  // computed ahead; handed out last
   std::jthread ahead_;
 };

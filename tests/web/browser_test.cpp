@@ -3,6 +3,7 @@
 #include "tests/web/browser.h"
 #include "core/file.h"
 #include "tests/support/long_tests.h"
+#include "tests/web/loopback_only.h"
 #include "tests/web/served.h"
 
 #include <gtest/gtest.h>
@@ -118,7 +119,19 @@ TEST(Page, EveryPageShowsInBothLanguagesAndThemesWithoutAFault) {
     browser.click("#language");
     browser.click("#theme");
   }
+  EXPECT_EQ(browser.text("return performance.getEntriesByType('resource').map(e => e.name).filter(n => "
+                         "!n.startsWith(location.origin)).join(' ');"),
+            "");
   EXPECT_EQ(faults(browser), "");
+}
+
+/// Whatever the browser itself looks for, the page needs nothing of it.
+TEST(Page, EveryPageShowsInANetworkWithoutInterfaces) {
+  NEEDS_BROWSER();
+  if (!network_namespaces()) GTEST_SKIP() << "unshare -rn with ip is not permitted here, or not installed";
+  const auto run = run_in_loopback_only("Page.EveryPageShowsInBoth*");
+  EXPECT_EQ(run.status, 0) << run.output;
+  EXPECT_NE(run.output.find("[  PASSED  ] 1 test"), std::string::npos) << run.output;
 }
 
 /// A plane of 60 x 60 points 1 mm apart, three of which stand 5 mm off; as any other program would write it.

@@ -102,6 +102,8 @@ export class SpaceView {
   /// Reads what is there now, and draws it.
   async update() {
     this.space = await get(`/api/verification/space?name=${encodeURIComponent(this.name)}`);
+    this.chosen = this.space.positions.find((p) => p.capture === this.chosen?.capture) ?? null;
+    this.onChoose(this.chosen);
     this.canvas.setAttribute('aria-label', this.words());
     this.legend.textContent = this.words();
     this.showTiles();
@@ -113,7 +115,6 @@ export class SpaceView {
     }
     await this.open();
     if (this.ended || !this.view) return;
-    this.chosen = this.space.positions.find((p) => p.capture === this.chosen?.capture) ?? null;
     this.draw();
   }
 

@@ -31,6 +31,7 @@ export function show(main) {
     const rate = times.length > 1 ? 1000 * (times.length - 1) / (begin - times[0]) : 0;
     best = Math.max(best, frame.sharpness);
     paint(canvas, frame, mark.checked);
+    whose.textContent = t(frame.capture ? 'live.of.job' : 'live.none');
     replace(figures, [row(t('live.sharpness'), `${number(frame.sharpness, 5)} (${t('live.best', {percent: number(100 * frame.sharpness / best, 0)})})`, 'sharpness'),
       row(t('live.level'), `${number(100 * frame.level, 1)} %`), row(t('live.saturated'), `${number(100 * frame.saturated, 3)} %`),
       row(t('live.modulation'), frame.modulation === undefined ? t('live.unlit') : `${number(100 * frame.modulation, 1)} %`),
@@ -44,7 +45,6 @@ export function show(main) {
     times = [];
     button.textContent = t('live.stop');
     source = new EventSource('/api/live');
-    source.addEventListener('open', () => { whose.textContent = t('live.none'); });
     source.addEventListener('job', () => { whose.textContent = t('live.of.job'); });
     source.addEventListener('live', (event) => show(JSON.parse(event.data)));
     source.addEventListener('trouble', (event) => {

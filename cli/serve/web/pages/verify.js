@@ -55,12 +55,11 @@ export function show(main) {
   replace(main, el('h1', t('nav.verify')), begin, detail, list);
   let plans = [], key, chosen = null, space = null, record = null;
   const drawDetail = async (state) => {
-    const v = state.verifications.find((one) => one.name === chosen) ?? state.verifications.at(-1);
+    const v = state.verifications.find((one) => one.name === chosen);
     if (!v) {
       replace(detail);
       return;
     }
-    chosen = v.name;
     ({record} = await get(`/api/verification?name=${encodeURIComponent(v.name)}`));
     replace(words, el('h2', v.name), el('p.figure', v.ended ? badge(v.verdict) : t('verify.captures', {done: v.done, of: v.planned})),
       v.ended && record && el('p.soft', `${when(v.ended)} · ${record.scanner} · ${record.plan_source}`));
@@ -85,6 +84,7 @@ export function show(main) {
       [{text: t('verify.name')}, {text: t('verify.plan')}, {text: t('verify.when')}, {text: t('verify.verdict')}],
       [...state.verifications].reverse().map((v) => [el('button', {type: 'button', 'aria-pressed': String(v.name === chosen), onclick: () => {
         chosen = v.name;
+        drawList(state);
         drawDetail(state).catch((error) => replace(detail, el('p.trouble', error.message)));
       }}, v.name), v.plan, v.ended ? when(v.ended) : t('verify.captures', {done: v.done, of: v.planned}), v.ended ? badge(v.verdict) : t('home.under.way')]), t('verify.done')) : el('p.soft', t('verify.none')));
   };
@@ -94,8 +94,9 @@ export function show(main) {
     const now = JSON.stringify([state.verifications, state.job.state, state.commissioning.report?.date, document.documentElement.lang]);
     if (now === key) return;
     key = now;
-    await drawDetail(state).catch((error) => replace(detail, el('p.trouble', error.message)));
+    chosen = (state.verifications.find((one) => one.name === chosen) ?? state.verifications.at(-1))?.name ?? null;
     drawList(state);
+    await drawDetail(state).catch((error) => replace(detail, el('p.trouble', error.message)));
   });
   return () => {
     unwatch();
