@@ -185,7 +185,11 @@ void add_register(CLI::App& app) {
                       "HTML page to write: the figures, and with --truth the map of the deviations from four sides");
   command->add_flag("--spheres-only", o->spheres_only, "Do not refine on the surface");
   command->add_flag("--json", o->json, "Print the record instead of the summary");
-  command->footer("Example: fringecal register view-*.ply --scanner scanner.json --sphere-diameter 20 -o whole.ply");
+  command->footer(
+      "Example: fringecal register view-*.ply --scanner scanner.json --sphere-diameter 20 -o whole.ply --page "
+      "whole.html\n"
+      "On the virtual scanner: fringecal render --scene \"plaster 0\" -o view-0 --truth view-0.json, and so on to "
+      "\"plaster 7\"; measure each; register with --truth view-0.json");
   command->callback([o] { register_clouds(*o); });
 }
 

@@ -188,10 +188,10 @@ void print_table(const metrology::Verification& v) {
                q.judgement ? name_of(q.judgement->verdict) : "-");
   }
   for (const auto& s : v.summaries) {
-    fmt::print("{} of {}: mean {:+.4f} mm, repeatability {:.4f} mm{}\n", s.symbol, s.artefact, s.mean_mm,
-               s.repeatability_mm,
-               s.repeats ? fmt::format(" ({} repeats)", s.captures)
-                         : fmt::format(", reproducibility over {} places {:.4f} mm", s.captures, s.reproducibility_mm));
+    fmt::print(
+        "{} of {}: mean {:+.4f} mm, repeatability {:.4f} mm{}\n", s.symbol, s.artefact, s.mean_mm, s.repeatability_mm,
+        s.repeats ? fmt::format(" ({} repeats)", s.captures)
+                  : fmt::format(", reproducibility over {} readings {:.4f} mm", s.captures, s.reproducibility_mm));
   }
   if (const auto verdict = metrology::verdict_of(v)) {
     fmt::print("\nVerdict: {}. {}\n", name_of(*verdict), metrology::sentence_of(v.decision_rule));

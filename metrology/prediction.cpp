@@ -81,6 +81,14 @@ void add_placed(const Gauge& gauge, const Rigid3& pose, std::vector<Placed>& out
   }
 }
 
+std::vector<Placed> references_of(const SeriesViews& views) {
+  std::vector<Placed> out;
+  for (const auto& p : views.references_mm) {
+    out.push_back({ArtefactKind::sphere, views.reference_diameter_mm, pose_of({p[0], p[1], p[2], 0, 0, 0})});
+  }
+  return out;
+}
+
 /// What stands in the field in that capture, as the first view has it.
 Result<std::vector<Placed>> placed_of(const Series& series, int capture, const std::vector<Gauge>& gauges) {
   const auto places = series.places_of(capture);
@@ -154,10 +162,7 @@ Result<std::vector<PointCloud>> predicted_views(const Series& series, int captur
   }
   auto placed = placed_of(series, capture, gauges);
   if (!placed) return tl::unexpected(placed.error());
-  for (const auto& p : series.views->references_mm) {
-    placed->push_back(
-        {ArtefactKind::sphere, series.views->reference_diameter_mm, pose_of({p[0], p[1], p[2], 0, 0, 0})});
-  }
+  for (auto& reference : references_of(*series.views)) placed->push_back(std::move(reference));
   std::vector<PointCloud> out;
   for (const auto& t : series.views->turns_deg) {
     auto turned = *placed;
@@ -167,6 +172,33 @@ Result<std::vector<PointCloud>> predicted_views(const Series& series, int captur
   return out;
 }
 
+namespace {
+
+std::vector<Eigen::Vector3d> outline_of(const Placed& p) {
+  std::vector<Eigen::Vector3d> line;
+  const double r = 0.5 * p.diameter;
+  if (p.kind == ArtefactKind::sphere) {
+    for (int i = 0; i <= 36; ++i) {  // around X and Y, then around X and Z: a circle in both drawings
+      const double turn = i * std::numbers::pi / 18;
+      line.push_back(p.world_from_part.translation_mm + r * Eigen::Vector3d(std::cos(turn), std::sin(turn), 0));
+    }
+    for (int i = 0; i <= 36; ++i) {
+      const double turn = i * std::numbers::pi / 18;
+      line.push_back(p.world_from_part.translation_mm + r * Eigen::Vector3d(std::cos(turn), 0, std::sin(turn)));
+    }
+    return line;
+  }
+  const bool flat = p.kind == ArtefactKind::plane;
+  const double x = flat ? p.half_width : r;
+  for (const auto& [sx, sy] : {std::pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}, {-1, -1}}) {
+    line.push_back(p.world_from_part * (flat ? Eigen::Vector3d(sx * x, sy * p.half_height, 0)
+                                             : Eigen::Vector3d(sx * x, 0, sy * kCylinderHalfLength_mm)));
+  }
+  return line;
+}
+
+}  // namespace
+
 std::vector<std::vector<Eigen::Vector3d>> outlines_of(const Series& series, int capture,
                                                       const std::vector<Gauge>& gauges) {
   std::vector<std::vector<Eigen::Vector3d>> out;
@@ -174,32 +206,14 @@ std::vector<std::vector<Eigen::Vector3d>> outlines_of(const Series& series, int 
   for (std::size_t k = 0; k < places.size(); ++k) {
     std::vector<Placed> placed;
     add_placed(gauge_named(gauges, series.artefacts[k]), pose_of(places[k]), placed);
-    for (const auto& p : placed) {
-      std::vector<Eigen::Vector3d> line;
-      const double r = 0.5 * p.diameter;
-      if (p.kind == ArtefactKind::sphere) {
-        for (int i = 0; i <= 36; ++i) {  // around X and Y, then around X and Z: a circle in both drawings
-          const double turn = i * std::numbers::pi / 18;
-          line.push_back(p.world_from_part.translation_mm + r * Eigen::Vector3d(std::cos(turn), std::sin(turn), 0));
-        }
-        for (int i = 0; i <= 36; ++i) {
-          const double turn = i * std::numbers::pi / 18;
-          line.push_back(p.world_from_part.translation_mm + r * Eigen::Vector3d(std::cos(turn), 0, std::sin(turn)));
-        }
-      } else {
-        const bool flat = p.kind == ArtefactKind::plane;
-        const double x = flat ? p.half_width : r;
-        for (const auto& [sx, sy] : {std::pair(-1, -1), {1, -1}, {1, 1}, {-1, 1}, {-1, -1}}) {
-          line.push_back(p.world_from_part * (flat ? Eigen::Vector3d(sx * x, sy * p.half_height, 0)
-                                                   : Eigen::Vector3d(sx * x, 0, sy * kCylinderHalfLength_mm)));
-        }
-      }
-      out.push_back(std::move(line));
-    }
+    for (const auto& p : placed) out.push_back(outline_of(p));
     for (std::size_t i = 1; i < placed.size(); ++i) {  // what carries the spheres of a bar or a plate
       if (placed[i].kind != ArtefactKind::sphere) continue;
       out.push_back({placed[i - 1].world_from_part.translation_mm, placed[i].world_from_part.translation_mm});
     }
+  }
+  if (series.views && capture == 0) {
+    for (const auto& p : references_of(*series.views)) out.push_back(outline_of(p));
   }
   return out;
 }

@@ -40,7 +40,8 @@ Result<std::vector<PointCloud>> predicted_views(const Series& series, int captur
                                                 const model::Scanner& scanner, const PredictOptions& options);
 
 /// The artefacts of a capture as lines to be drawn: spheres as circles that face the projector, the centres of a
-/// bar or a plate joined, a cylinder, a flat and a step's planes as rectangles. Empty without places.
+/// bar or a plate joined, a cylinder, a flat and a step's planes as rectangles. With the first
+/// capture of a series with views also its reference spheres. Empty without places.
 std::vector<std::vector<Eigen::Vector3d>> outlines_of(const Series& series, int capture,
                                                       const std::vector<Gauge>& gauges);
 

@@ -11,7 +11,7 @@
 // own standard uncertainties along the camera's rays l, w Tukey's weight of r / (s u), s the robust standard deviation of r / u,
 // s_c that of the centres. Clouds without uncertainties: u = 1 mm for all.
 // Grazing points do not take part: those whose normal stands farther than max_incidence_deg from the camera or from the
-// light, as in the evaluation of artefacts (artefact.h, eq. 2), where the view says where these stand. The modulation of a
+// light, a rule of the kind that artefacts are evaluated by (artefact.h, eq. 2), where the view says where these stand. The modulation of a
 // matt surface falls with the cosine of the light's incidence and u(phi) grows with its inverse, so that without this rule the
 // rim of a body, seen at up to 80 degrees by one view of every pair, decides the standard deviation. Pairs farther apart than max_pair_mm, or whose normals differ by
 // more than 45 degrees, do not count. Gauss-Newton; nearest points are searched anew in each iteration.
@@ -52,7 +52,8 @@ struct RegistrationOptions {
   int samples_per_view = 5000;
   int neighbours = 12;
   int max_iterations = 30;
-  double max_incidence_deg = 60;
+  double max_incidence_deg =
+      70;              // u has grown threefold there; nearer to 60, views a quarter turn apart share no point
   bool refine = true;  // eq. 2 after eq. 1
 };
 

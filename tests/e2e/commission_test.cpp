@@ -76,8 +76,9 @@ void measures_anew(const fs::path& commissioning, const fs::path& verification) 
   const auto bytes_of = [](const Capture& capture) {
     std::string out;
     for (const GrayImage& frame : capture.frames) {
-      std::visit([&](const auto& i) { out.append(reinterpret_cast<const char*>(i.data()), i.size() * sizeof(*i.data())); },
-                 frame);
+      std::visit(
+          [&](const auto& i) { out.append(reinterpret_cast<const char*>(i.data()), i.size() * sizeof(*i.data())); },
+          frame);
     }
     return out;
   };

@@ -114,7 +114,9 @@ TEST(HistorySeries, HasTheInstrumentsOwnQuantitiesBesideThoseOfVerifications) {
   EXPECT_EQ(keys.front().symbol, "delta");
   EXPECT_EQ(keys.back().symbol, "temperature");
   history.each([&](const HistoryView& entry) {
-    if (entry.kind == "certificate") EXPECT_EQ(summary_of(entry), "No. K-2026-\"17\"");
+    if (entry.kind == "certificate") {
+      EXPECT_EQ(summary_of(entry), "No. K-2026-\"17\"");
+    }
     if (entry.number == 1) {
       EXPECT_EQ(summary_of(entry), "scanner \"A\": aligned after 1 turns");
     } else if (entry.number == 4) {

@@ -178,8 +178,9 @@ TEST(MultiView, JoinsTheViewsByTheirReferences) {
   EXPECT_EQ(back.joined->references, 8);
 }
 
-// A view that measures 0.1 % too long moves the bar's spheres apart by 0.15 mm in it, a third of that in the union; what of it
-// the references take up by a motion is no length. So some +0.05 mm shows, and the references disagree.
+// A view that measures 0.1 % too long moves the bar's spheres apart by 0.15 mm in it. What of that the union shows depends on
+// which side of the spheres that view has to itself: more than none, less than all; at least twice what noise alone may do (above).
+// And the references, up to 140 mm from the middle, disagree by some 0.1 mm in that view.
 TEST(MultiView, DoesNotHideAViewThatMeasuresTooLong) {
   const auto plan = turned_bar();
   const auto& series = plan.series[0];
@@ -188,7 +189,8 @@ TEST(MultiView, DoesNotHideAViewThatMeasuresTooLong) {
   for (auto& p : (*clouds)[1].points) p.position_mm *= 1.001;
   const auto result = evaluate_views(plan, series, 0, {bar()}, *clouds, scanner());
   ASSERT_TRUE(result) << result.error().sentence;
-  EXPECT_NEAR(result->distances[0].distance_mm, 150.05, 0.015);
+  EXPECT_GT(result->distances[0].distance_mm, 150.02);
+  EXPECT_LT(result->distances[0].distance_mm, 150.15);
   EXPECT_GT(result->joined->rms_mm, 0.03);
 }
 
