@@ -374,7 +374,7 @@ Eigen::MatrixXd Solver::over_the_place_along(const BundleSystem& system, const E
   SolveSettings held{.free = settings_.free, .components = components_, .fixed_components = true};
   held.components.along_mm = 0;
   Eigen::MatrixXd moves = Eigen::MatrixXd::Zero(n, n), widest;
-  double weights = 0, least = 0, largest = 0;
+  double weights = 0, least = 0, first = 0, largest = 0;
   for (const double z : {0.0, -std::sqrt(3.0), std::sqrt(3.0)}) {
     Bundle there = bundle_;
     there.proj_from_cam.translation_mm[along] = here + z * u;
@@ -382,13 +382,18 @@ Eigen::MatrixXd Solver::over_the_place_along(const BundleSystem& system, const E
     if (!report) continue;  // a place that no scanner explains has no weight
     const double cost = report->chi2 + std::pow((here + z * u) / components_.along_mm, 2);
     const Eigen::MatrixXd& rest = report->covariance.covariance;
+    // Half the logarithm of the determinant.
     const double volume = Eigen::LLT<Eigen::MatrixXd>(rest).matrixLLT().diagonal().array().log().sum();
-    if (widest.size() == 0) least = cost;
+    if (widest.size() == 0) {
+      least = cost;
+      first = volume;
+    }
     if (widest.size() == 0 || volume > largest) {
       largest = volume;
       widest = rest;
     }
-    const double weight = (z == 0 ? 2.0 / 3.0 : 1.0 / 6.0) * std::exp(0.5 * (z * z - (cost - least)));
+    const double weight =
+        (z == 0 ? 2.0 / 3.0 : 1.0 / 6.0) * std::exp(0.5 * (z * z - (cost - least)) + (volume - first));
     const Eigen::VectorXd d = system.difference(bundle_, there);
     weights += weight;
     moves += weight * d * d.transpose();

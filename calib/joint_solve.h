@@ -27,8 +27,8 @@
 // off the level there is information on k2 that is absent on it. So C is not taken linear along t. With the solutions at
 // t_i = t + z_i u(t), z = 0, +-sqrt(3), all else free, d_i how far they are from the solution, C(t_i) their covariance with
 // t held, and Q_i their eq. 1,
-//   C = C(t*) + sum w_i d_i d_i^T / sum w_i,   w_i = (2/3, 1/6, 1/6) exp((z_i^2 - (Q_i - Q_0)) / 2)             (6)
-// a Gauss-Hermite sum over t. C(t*) is the largest of the C(t_i): what is known only if the projector stood off the level
+//   C = C(t*) + sum w_i d_i d_i^T / sum w_i,   w_i = (2/3, 1/6, 1/6) exp((z_i^2 - (Q_i - Q_0)) / 2) |C(t_i)|^(1/2)   (6)
+// a Gauss-Hermite sum over t, the others integrated out. C(t*) is the largest of the C(t_i): what is known only if the projector stood off the level
 // is not counted. Without curvature (6) is the linear C.
 #pragma once
 

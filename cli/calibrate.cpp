@@ -3,6 +3,7 @@
 #include "calib/fit_chen2008.h"
 #include "calib/halves.h"
 #include "calib/linearise.h"
+#include "calib/stepped_board.h"
 #include "cli/calibrate_corners.h"
 #include "cli/commands.h"
 #include "cli/uncertainty.h"
@@ -14,6 +15,7 @@
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
 
+#include <cmath>
 #include <filesystem>
 #include <map>
 #include <memory>
@@ -24,7 +26,9 @@ namespace {
 using calib::DistortionTerms;
 
 struct Options {
-  std::vector<std::filesystem::path> captures, flat;
+  std::vector<std::filesystem::path> captures, flat, stepped_board;
+  std::vector<double> stepped_z_mm;
+  double u_step_mm = 0.002, u_square_mrad = 0.2;
   std::string board, output, history, report;
   CornerOptions corners;  // its fields that calibrate has too are filled in from here
   DistortionTerms camera_terms = DistortionTerms::automatic;
@@ -82,7 +86,53 @@ std::optional<double> value_of(const model::Scanner& s, const std::string& name)
   return found == values.end() ? std::nullopt : std::optional(found->second);
 }
 
-void print_json(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped) {
+/// The stepped board's readings, where one is given.
+std::optional<calib::SteppedBoard> stepped_readings(const Options& options, const model::Board& board,
+                                                    const model::PhaseLinearisation* table) {
+  if (options.stepped_board.empty()) return std::nullopt;
+  auto stepped = calib::observe_stepped_board(options.stepped_board, options.stepped_z_mm, board, table);
+  if (!stepped) throw InputError(stepped.error().sentence);
+  return std::move(*stepped);
+}
+
+calib::SteppedComparison compared(calib::SteppedBoard stepped, const Options& options, const model::Scanner& s) {
+  stepped.u = calib::uncertainty_from(s);
+  stepped.u.step_mm = options.u_step_mm;
+  stepped.u.square_rad = 1e-3 * options.u_square_mrad;
+  auto out = calib::compare_stepped_board(stepped, s);
+  if (!out) throw InputError(out.error().sentence);
+  return std::move(*out);
+}
+
+Value to_value(const calib::SteppedComparison& c) {
+  Value out = Value::object().set("rms_xyz_mm", Value::numbers(c.direct.rms_xyz_mm));
+  for (std::size_t i = 0; i < calib::kSteppedNames.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    out.set(calib::kSteppedNames[i], Value::object()
+                                         .set("direct", c.direct.values[k])
+                                         .set("u_direct", std::sqrt(c.direct.covariance(k, k)))
+                                         .set("computed", c.computed.values[k])
+                                         .set("u_computed", std::sqrt(c.computed.covariance(k, k)))
+                                         .set("u_difference", c.u_difference[k]));
+  }
+  return out;
+}
+
+void print_stepped(const calib::SteppedComparison& c) {
+  fmt::print(
+      "  the paper's parameters from the stepped board (residuals {:.4f}, {:.4f}, {:.4f} mm rms in X, Y, Z), and "
+      "from the full model on the same readings:\n",
+      c.direct.rms_xyz_mm.x(), c.direct.rms_xyz_mm.y(), c.direct.rms_xyz_mm.z());
+  for (std::size_t i = 0; i < calib::kSteppedNames.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    fmt::print("    {:<12}{:>14.7g} u = {:<9.2g}{:>14.7g} u = {:<9.2g} difference {:+.2g} = {:+.1f} u\n",
+               calib::kSteppedNames[i], c.direct.values[k], std::sqrt(c.direct.covariance(k, k)), c.computed.values[k],
+               std::sqrt(c.computed.covariance(k, k)), c.difference[k], c.difference[k] / c.u_difference[k]);
+  }
+}
+
+void print_json(const Options& options, const model::Scanner& s, const std::vector<calib::DroppedPose>& dropped,
+                const std::optional<calib::SteppedComparison>& stepped) {
   Value parameters = Value::object(), lost = Value::array(), open = Value::array();
   for (const auto& words : open_words(s)) open.append(words);
   for (const std::string& name : s.uncertainty.names) {
@@ -101,6 +151,7 @@ void print_json(const Options& options, const model::Scanner& s, const std::vect
                   .set("residuals", model::to_value(r))
                   .set("open", open)
                   .set("method", s.method);
+  if (stepped) out.set("stepped_board", to_value(*stepped));
   if (s.paper_model) out.set("paper_rms_xyz_mm", Value::numbers(s.paper_model->rms_xyz_mm));
   if (s.paper_ideal_model) out.set("paper_ideal_rms_xyz_mm", Value::numbers(s.paper_ideal_model->rms_xyz_mm));
   fmt::print("{}", to_json(out));
@@ -169,6 +220,7 @@ void run(const Options& options) {
   }
   const model::Board board = model::read_board(options.board);
   const auto linearisation = linearisation_from(options.flat);
+  auto readings = stepped_readings(options, board, linearisation ? &*linearisation : nullptr);
   calib::BoardViews views = calib::observe_captures(options.captures, board, linearisation ? &*linearisation : nullptr);
   const int needed = std::max(3, options.min_poses);
   if (static_cast<int>(views.observations.size()) < needed) {
@@ -194,6 +246,8 @@ void run(const Options& options) {
   scanner->provenance.inputs.emplace_back("board", sha256_of_file(options.board));
   const auto with_paper = calib::with_paper_models(*scanner);
   if (with_paper) scanner = with_paper;
+  std::optional<calib::SteppedComparison> stepped;
+  if (readings) stepped = compared(std::move(*readings), options, *scanner);
   model::write_scanner(options.output, *scanner);
   if (!options.history.empty()) {
     auto record = metrology::record_of(*scanner, utc_now());
@@ -206,9 +260,10 @@ void run(const Options& options) {
   }
   if (!options.report.empty()) write_uncertainty_page(*scanner, options.report);
   if (options.json) {
-    print_json(options, *scanner, views.dropped);
+    print_json(options, *scanner, views.dropped, stepped);
   } else {
     print_text(options, *scanner, views.dropped, with_paper ? "" : with_paper.error().sentence);
+    if (stepped) print_stepped(*stepped);
     if (options.corners.cross_check) {
       print_cross_check(views_of(*scanner), views.width_px, views.height_px,
                         calib::terms_of(scanner->camera.distortion), *options.corners.cross_check);
@@ -274,6 +329,23 @@ void add_calibrate(CLI::App& app) {
       ->add_option("--cross-check", corners.cross_check,
                    "mrcal or opencv: solve the same corners with that library and print the differences in px and mm")
       ->transform(CLI::CheckedTransformer(kSolvers).description(""));
+  auto* stepped = command->add_option(
+      "--stepped-board", options->stepped_board,
+      "Captures of the board, facing the projector, moved by known steps along its normal: the paper's parameters are "
+      "estimated from them directly too, and compared with what the calibration makes of them");
+  auto* heights = command->add_option("--stepped-z-mm", options->stepped_z_mm,
+                                      "Heights of the stepped board, mm, towards the scanner, one per capture; the one "
+                                      "at 0 is the reference plane");
+  stepped->needs(heights);
+  heights->needs(stepped);
+  command->add_option("--u-step-mm", options->u_step_mm, "Standard uncertainty of each height")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command
+      ->add_option("--u-square-mrad", options->u_square_mrad,
+                   "Standard uncertainty of the steps' direction against the board's normal")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   command->add_option("--pixel-mm", options->pixel_mm, "Side of a camera pixel in mm, to print the paper's parameters")
       ->check(CLI::PositiveNumber);
   command
@@ -295,6 +367,8 @@ void add_calibrate(CLI::App& app) {
       "         fringecal calibrate captures/board_* --flat captures/flat_* --board board.toml -o scanner.json\n"
       "         fringecal calibrate --corners corners.vnl --board board.toml --image-size 1392 1040 -o "
       "camera.cameramodel\n"
+      "         fringecal calibrate captures/board_* --board board.toml --pixel-mm 0.00645 -o scanner.json \\\n"
+      "           --stepped-board step_m60 step_0 step_p60 --stepped-z-mm -60 0 60\n"
       "A board file: kind = \"chessboard\"  columns = 9  rows = 7  pitch_mm = 30");
   command->callback([options] { run(*options); });
 }
