@@ -133,9 +133,15 @@ Rows rows_of(const fitting::CircleFit& fit) {
 
 using Zone = std::optional<Result<fitting::MinimumZone>>;
 
-/// zone: of the points used, where it is asked for.
+/// What is said beside a fit: the zone of the points used, where it is asked for, and a doubt that they are one surface.
+struct Remarks {
+  Zone zone = std::nullopt;
+  std::string doubt = {};
+};
+
 template <class Fit>
-void write(const FitArguments& arguments, const char* rejection, const Result<Fit>& fit, const Zone& zone) {
+void write(const FitArguments& arguments, const char* rejection, const Result<Fit>& fit, const Remarks& remarks) {
+  const Zone& zone = remarks.zone;
   if (!fit) throw InputError(fmt::format("{}: {}", arguments.file, fit.error().sentence));
   const FitQuality& q = fit->quality;
   Rows rows = rows_of(*fit);
@@ -153,6 +159,7 @@ void write(const FitArguments& arguments, const char* rejection, const Result<Fi
     if (zone)
       fmt::print("  {:<20}{:.6g} (proven: not below {:.6g})\n", "minimum zone / mm", (*zone)->width_mm,
                  (*zone)->lower_mm);
+    if (!remarks.doubt.empty()) fmt::print("  {}.\n", remarks.doubt);
     return;
   }
   Value out = Value::object();
@@ -164,6 +171,7 @@ void write(const FitArguments& arguments, const char* rejection, const Result<Fi
   if (form) out.set("range_mm", form->range_mm).set("shell_95_mm", form->shell_95_mm);
   if (zone) out.set("minimum_zone_mm", (*zone)->width_mm).set("minimum_zone_lower_mm", (*zone)->lower_mm);
   out.set("n_used", q.n_used).set("n_rejected", q.n_rejected).set("iterations", q.iterations);
+  if (!remarks.doubt.empty()) out.set("doubt", remarks.doubt);
   fmt::print("{}", to_json(out));
 }
 
@@ -182,24 +190,33 @@ void run(const FitArguments& arguments) {
     }
     return zone(used);
   };
+  const auto write_surface = [&](const auto& fit_surface, auto zone) {
+    const auto fit = fit_surface(points_mm, options);
+    Remarks remarks{.zone = zone_of(fit, zone)};
+    if (fit && options.rejection == Rejection::none) {
+      fitting::FitOptions most = options;
+      most.rejection = Rejection::robust;
+      const auto robust = fit_surface(points_mm, most);
+      remarks.doubt = fitting::why_not_one_surface(arguments.shape.c_str(), points_mm, fit->quality,
+                                                   robust ? &robust->quality : nullptr);
+    }
+    write(arguments, rejection, fit, remarks);
+  };
   if (arguments.shape == "plane") {
-    const auto fit = fitting::fit_plane(points_mm, options);
-    write(arguments, rejection, fit, zone_of(fit, fitting::flatness));
+    write_surface(fitting::fit_plane, fitting::flatness);
   } else if (arguments.shape == "sphere") {
-    const auto fit = fitting::fit_sphere(points_mm, options);
-    write(arguments, rejection, fit, zone_of(fit, fitting::sphericity));
+    write_surface(fitting::fit_sphere, fitting::sphericity);
   } else if (arguments.shape == "cylinder") {
-    const auto fit = fitting::fit_cylinder(points_mm, options);
-    write(arguments, rejection, fit, zone_of(fit, fitting::cylindricity));
+    write_surface(fitting::fit_cylinder, fitting::cylindricity);
   } else if (arguments.robust || arguments.vdi_2634) {
     throw InputError(fmt::format("a {} is fitted to all points; leave out --robust and --vdi-2634", arguments.shape));
   } else if (arguments.shape == "line") {
     if (arguments.zone)
       throw InputError("--zone has no meaning for a line here; fit a plane, sphere, cylinder or circle");
-    write(arguments, rejection, fitting::fit_line(points_mm), std::nullopt);
+    write(arguments, rejection, fitting::fit_line(points_mm), {});
   } else {
     const auto fit = fitting::fit_circle(points_mm);
-    write(arguments, rejection, fit, zone_of(fit, fitting::roundness));
+    write(arguments, rejection, fit, {.zone = zone_of(fit, fitting::roundness)});
   }
 }
 
@@ -228,7 +245,11 @@ void add_fit(CLI::App& app) {
   fit->add_flag("--zone", arguments->zone,
                 "also the minimum zone (flatness, sphericity, cylindricity, roundness), with its proven lower bound");
   fit->add_flag("--json", arguments->json, "print JSON with all digits instead of the table");
-  fit->footer("Example: fringecal fit sphere scan.xyz --unit m --robust --json");
+  fit->footer(
+      "Where the points are plainly not of one surface a sentence says so (JSON: key doubt); the figures are still "
+      "those of\n"
+      "the fit that was asked for, and the exit code is 0.\n"
+      "Example: fringecal fit sphere scan.xyz --unit m --robust --json");
   fit->callback([arguments] { run(*arguments); });
 }
 

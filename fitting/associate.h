@@ -21,6 +21,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <limits>
 #include <utility>
 
@@ -193,6 +194,70 @@ NormalWeights normal_weights(Points points_mm, std::span<const Eigen::Matrix3d> 
   return out;
 }
 
+/// A minimum of the frame's lengths in mm: the surface, what belongs to its parameters, and F.
+template <class Surface>
+Minimum<Surface> minimum_in_mm(const Minimum<Surface>& minimum, const FramedPoints& framed) {
+  constexpr int M = Surface::kParameters;
+  // Lengths among the parameters: the shift along the normal, and the curvature.
+  VectorN<M> units = VectorN<M>::Ones();
+  units[0] = framed.scale_mm;
+  if (M > 3) units[M - 1] = 1.0 / framed.scale_mm;
+  Minimum<Surface> out = minimum;
+  out.surface = surface_in_mm(minimum.surface, framed);
+  out.inverse_jtj = units.asDiagonal() * minimum.inverse_jtj * units.asDiagonal();
+  out.inverse_jtj /= framed.scale_mm * framed.scale_mm;
+  out.f *= framed.scale_mm * framed.scale_mm;
+  return out;
+}
+
+/// From here on a sample finds the frame and a start, and few passes over all points the minimum.
+constexpr std::size_t kMany = 5000;
+
+/// The frame of a sample; the axes and sums of squares are those of the sample, which are less than those of all points.
+inline CentredPoints centred_by_sample(Points points_mm, const PointWeights& weights, std::size_t n_used) {
+  Random random(9);
+  const std::vector<Eigen::Vector3d> sample = spread_sample(points_mm, weights, 1000, random);
+  if (sample.size() < 100) return centred(points_mm, weights, n_used);
+  CentredPoints out = centred(sample, {}, sample.size());
+  out.framed.points_mm = points_mm;
+  out.framed.weights = weights;
+  out.framed.n = static_cast<double>(n_used);
+  return out;
+}
+
+/// solve() for many points that leave no question open; nullopt where they leave one, or are not all finite. start_mm:
+/// absent, a start is found.
+template <class Shape>
+std::optional<Minimum<typename Shape::Surface>> quick_solve(const CentredPoints& points,
+                                                            const std::optional<typename Shape::Surface>& start_mm,
+                                                            double* distances_mm) {
+  using Surface = typename Shape::Surface;
+  constexpr std::size_t kFew = 300, kNear = 1000, kNearer = 20000;  // points of a start; and of its refinement
+  constexpr double kPart = 20.0;
+  const FramedPoints& framed = points.framed;
+  if (!points.finite || !Shape::why_flat(points).empty()) return std::nullopt;
+  Surface surface;
+  if (start_mm) {
+    surface = surface_in_frame(*start_mm, framed);
+  } else {
+    const auto start = Shape::start(points, kFew, {});
+    if (!start) return std::nullopt;
+    Random random(7);
+    const auto near =
+        sample_in_frame(framed, std::clamp(static_cast<std::size_t>(framed.n / kPart), kNear, kNearer), random);
+    const auto there = gauss_newton(Shape::convex(*start), as_they_are(near), {.max_iterations = 5, .enough = 1e-7});
+    if (!there) return std::nullopt;
+    surface = there->surface;
+  }
+  surface = Shape::beside_origin(Shape::convex(surface));
+  if (Surface::kParameters == 5 && !is_curled(surface)) return std::nullopt;  // the centroid comes with those sums
+  const auto first = lean_normal_equations(surface, framed, nullptr, KernelSumsWanted::all);
+  auto minimum = quick_descent(surface, framed, first, distances_mm);
+  if (!minimum || !(std::max(minimum->largest_mm, -minimum->smallest_mm) < 1e100)) return std::nullopt;
+  if (!Shape::why_undetermined(points, *minimum, {}).empty()) return std::nullopt;
+  return minimum_in_mm(Shape::beside_centroid(*minimum), framed);
+}
+
 /// The minimum over the points used, in mm. start_mm: absent, a start is found.
 template <class Shape>
 Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, const FitOptions& options,
@@ -203,13 +268,13 @@ Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, cons
   const FramedPoints& framed = points.framed;
   // Enough to come near; where they happen not to determine the shape, more.
   const std::size_t few = std::clamp<std::size_t>(static_cast<std::size_t>(framed.n) / 50, 300, 3000), many = 20000;
-  constexpr double kMany = 200000;  // from here on a descent over `many` costs less than the pass that it saves
+  constexpr double kWorthMany = 200000;  // from here on a descent over `many` costs less than the pass that it saves
   if (std::string why = Shape::why_flat(points); !why.empty()) return unanswerable(std::move(why));
   DescentOptions descent{.max_iterations = options.max_iterations,
                          .hold_curvature = options.fixed_diameter_mm && M > 3,
                          .distances_mm = distances_mm,
                          .start_is_close = M == 3 && points.axes.values[1] > 1e-4 * points.axes.values[2],
-                         .start_is_near = start_mm || framed.n >= kMany};
+                         .start_is_near = (start_mm && M > 3) || framed.n >= kWorthMany};
   const auto descend = [&](const Surface& start) {
     Surface from = Shape::convex(start);
     if (descent.hold_curvature) from = Shape::with_curvature(from, 2.0 * framed.scale_mm / *options.fixed_diameter_mm);
@@ -222,13 +287,14 @@ Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, cons
     return there ? there->surface : start;
   };
   tl::expected<Minimum<Surface>, Descent> minimum = tl::unexpected(Descent::singular);
-  if (start_mm) minimum = descend(surface_in_frame(*start_mm, framed));
+  // A plane starts at its minimum: the axes.
+  if (start_mm && M > 3) minimum = descend(surface_in_frame(*start_mm, framed));
   std::string why;
   for (const std::size_t most : {few, many}) {
     if (minimum || (most == many && !(framed.n > static_cast<double>(few)))) break;
     const auto start = Shape::start(points, most, options);
     if (start) {
-      minimum = descend(M > 3 && framed.n >= kMany && !descent.hold_curvature ? nearer(*start) : *start);
+      minimum = descend(M > 3 && framed.n >= kWorthMany && !descent.hold_curvature ? nearer(*start) : *start);
     } else {
       why = start.error().sentence;
     }
@@ -238,15 +304,7 @@ Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, cons
   minimum->surface = Shape::beside_origin(Shape::convex(minimum->surface));
   why = Shape::why_undetermined(points, *minimum, options);
   if (!why.empty()) return unanswerable(std::move(why));
-  // Lengths among the parameters: the shift along the normal, and the curvature.
-  VectorN<M> units = VectorN<M>::Ones();
-  units[0] = framed.scale_mm;
-  if (M > 3) units[M - 1] = 1.0 / framed.scale_mm;
-  minimum->surface = surface_in_mm(minimum->surface, framed);
-  minimum->inverse_jtj = units.asDiagonal() * minimum->inverse_jtj * units.asDiagonal();
-  minimum->inverse_jtj /= framed.scale_mm * framed.scale_mm;
-  minimum->f *= framed.scale_mm * framed.scale_mm;
-  return *minimum;
+  return minimum_in_mm(*minimum, framed);
 }
 
 template <class Shape>
@@ -262,29 +320,41 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
   require(!options.fixed_diameter_mm || *options.fixed_diameter_mm > 0.0, "a diameter that is held is positive");
   if (std::string why = why_too_few(n, m, Shape::kName); !why.empty()) return unanswerable(std::move(why));
 
-  CentredPoints points = centred(points_mm, {}, n);
+  const bool many = n >= kMany && Surface::kParameters > 3 && !options.fixed_diameter_mm && !has_covariances;
+  CentredPoints points = many ? centred_by_sample(points_mm, {}, n) : centred(points_mm, {}, n);
   if (!points.finite) return unanswerable(why_not_finite(points_mm));
   const double rounding_mm = 16.0 * points.rounding * points.framed.scale_mm;
   Associated<Surface> out;
   FitQuality& quality = out.quality;
   quality.distances_mm.resize(n);
   prefer_huge_pages(quality.distances_mm.data(), n * sizeof(double));
-  UsedBits used;  // empty: all
+  UsedBits used, before;  // empty: all; none
   NormalWeights weights;
   std::optional<Surface> start;
-  const auto use = [&](UsedBits next) {
-    used = std::move(next);
+  const auto solved = [&](bool others) -> Result<Minimum<Surface>> {  // others: other points or weights than before
+    const PointWeights of{used.empty() ? nullptr : used.data(),
+                          weights.weights.empty() ? nullptr : weights.weights.data()};
     const std::size_t n_used = used.empty() ? n : count_used(used);
-    points = centred(points_mm,
-                     {used.empty() ? nullptr : used.data(), weights.weights.empty() ? nullptr : weights.weights.data()},
-                     n_used);
+    if (many) {
+      if (others) points = centred_by_sample(points_mm, of, n_used);
+      if (auto quick = quick_solve<Shape>(points, start, quality.distances_mm.data())) return *quick;
+    }
+    if (many || others) points = centred(points_mm, of, n_used);
+    if (!points.finite) return unanswerable(why_not_finite(points_mm));
+    return solve<Shape>(points, options, start, quality.distances_mm.data());
   };
-  if (options.rejection == Rejection::robust) {
+  const bool robust = options.rejection == Rejection::robust;
+  if (robust) {
     auto found = quick_consensus<Shape>(points);
     if (!found) found = consensus<Shape>(points);
     if (found) {
       start = found->surface;
-      normal_equations(*start, as_they_are(points_mm), quality.distances_mm.data());
+      FramedPoints all = points.framed;
+      all.weights = {};
+      const auto sums = lean_normal_equations(surface_in_frame(*start, all), all, quality.distances_mm.data(),
+                                              KernelSumsWanted::all_but_matrix);
+      const double farthest_mm = std::max(sums.largest, -sums.smallest);
+      if (!(std::isfinite(sums.f) && farthest_mm < 1e100)) return unanswerable(why_not_finite(points_mm));
       used = within(quality.distances_mm, found->tolerance_mm);
     }
   }
@@ -295,9 +365,8 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
       if (std::string why = why_too_few(n_used, m, Shape::kName); !why.empty()) {
         return unanswerable(fmt::format("after rejection {} of {} points are left: {}", n_used, n, why));
       }
-      use(std::move(used));
     }
-    Result<Minimum<Surface>> minimum = solve<Shape>(points, options, start, quality.distances_mm.data());
+    Result<Minimum<Surface>> minimum = solved(round > 0 || !used.empty());
     if (!minimum) {
       if (used.empty() || count_used(used) == n) return tl::unexpected(minimum.error());
       return unanswerable(
@@ -336,13 +405,14 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
       UsedBits next = options.rejection == Rejection::vdi_2634
                           ? within_three_deviations(quality.distances_mm, quality.standard_deviation_mm)
                           : within_robust_deviation(quality.distances_mm, used, rounding_mm);
-      if (next != used) {
+      if (next != used && next != before && !(robust && is_settled(used, next))) {
         // Eq. 2 settles on these distances first: a descent costs more than a median.
-        for (int settling = 0; options.rejection == Rejection::robust && settling < kSettling; ++settling) {
+        for (int settling = 0; robust && settling < kSettling; ++settling) {
           UsedBits after = within_robust_deviation(quality.distances_mm, next, rounding_mm);
           if (after == next) break;
           next = std::move(after);
         }
+        before = std::move(used);
         used = std::move(next);
         continue;
       }
@@ -350,7 +420,12 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
     quality.max_mm = minimum->largest_mm;
     quality.min_mm = minimum->smallest_mm;
     quality.rejected.assign(n, false);
-    for (std::size_t i = 0; quality.n_rejected > 0 && i < n; ++i) quality.rejected[i] = !is_used(used, i);
+    for (std::size_t byte = 0; byte < used.size(); ++byte) {
+      for (unsigned left = used[byte] ^ 0xffu; left != 0; left &= left - 1) {
+        const std::size_t i = 8 * byte + static_cast<std::size_t>(std::countr_zero(left));
+        if (i < n) quality.rejected[i] = true;
+      }
+    }
     const double s = quality.standard_deviation_mm;
     out.covariance = (has_covariances ? weights.variance_mm2 : s * s) * minimum->inverse_jtj;
     return out;

@@ -121,12 +121,11 @@ Candidate refined(Candidate at, double step_rad, double last_step_rad, const Mea
   return at;
 }
 
-/// Directions worth a descent: distinct low places of the measure over the hemisphere, and the principal axes.
+/// The distinct low places of the measure, the lowest first.
 template <class Measure>
-std::vector<Candidate> candidate_directions(const std::vector<Eigen::Matrix3d>& all_axes, std::size_t most,
-                                            double last_step_rad, const SymmetricEigen<3>& principal,
-                                            const Measure& measure) {
-  constexpr double kStep = 0.06, kApart = 0.98;  // rad; cosine of 11 degrees
+std::vector<Candidate> low_directions(const std::vector<Eigen::Matrix3d>& all_axes, std::size_t most,
+                                      const Measure& measure) {
+  constexpr double kApart = 0.98;  // cosine of 11 degrees
   std::vector<Candidate> all;
   for (const Eigen::Matrix3d& axes : all_axes) {
     const double f = measure(axes);
@@ -138,13 +137,24 @@ std::vector<Candidate> candidate_directions(const std::vector<Eigen::Matrix3d>& 
     const auto near = [&](const Candidate& other) { return std::abs(c.direction.dot(other.direction)) > kApart; };
     if (low.size() < most && std::none_of(low.begin(), low.end(), near)) low.push_back(c);
   }
-  for (Candidate& c : low) c = refined(c, kStep, last_step_rad, measure);
+  return low;
+}
+
+constexpr double kFirstStep_rad = 0.06;
+
+/// Directions worth a descent: low places of the measure over the hemisphere, and the principal axes.
+template <class Measure>
+std::vector<Candidate> candidate_directions(const std::vector<Eigen::Matrix3d>& all_axes, std::size_t most,
+                                            double last_step_rad, const SymmetricEigen<3>& principal,
+                                            const Measure& measure) {
+  std::vector<Candidate> low = low_directions(all_axes, most, measure);
+  for (Candidate& c : low) c = refined(c, kFirstStep_rad, last_step_rad, measure);
   for (int k = 0; k < 3; ++k) {
     const Eigen::Vector3d direction = principal.vectors.col(k);
     const double f = measure(axes_with(direction, 2));
     if (!(f < std::numeric_limits<double>::infinity())) continue;
     low.push_back({direction, f});
-    low.push_back(refined({direction, f}, kStep, last_step_rad, measure));
+    low.push_back(refined({direction, f}, kFirstStep_rad, last_step_rad, measure));
   }
   return low;
 }
@@ -176,13 +186,14 @@ tl::expected<Minimum<CylinderSurface>, Descent> descend(Points sample, const Eig
 std::optional<Minimum<CylinderSurface>> quick_minimum(Points sample, const CentredPoints& centre,
                                                       const std::optional<double>& k, double limit) {
   constexpr std::size_t kLow = 3;
+  constexpr double kLastStep_rad = 0.01;
   const Moments moments = moments_of(sample);
-  auto low = candidate_directions(directions(150), kLow, 0.01, centre.axes,
-                                  [&](const Eigen::Matrix3d& axes) { return quick_f(axes, moments); });
-  std::stable_sort(low.begin(), low.end(), [](const Candidate& a, const Candidate& b) { return a.f < b.f; });
+  const auto measure = [&](const Eigen::Matrix3d& axes) { return quick_f(axes, moments); };
+  std::vector<Eigen::Matrix3d> all = directions(150);
+  for (int c = 0; c < 3; ++c) all.push_back(axes_with(centre.axes.vectors.col(c), 2));
   std::optional<Minimum<CylinderSurface>> best;
-  for (std::size_t i = 0; i < std::min(low.size(), kLow); ++i) {
-    const auto minimum = descend(sample, low[i].direction, k, 1e-7);
+  for (const Candidate& low : low_directions(all, kLow, measure)) {
+    const auto minimum = descend(sample, refined(low, kFirstStep_rad, kLastStep_rad, measure).direction, k, 1e-7);
     if (minimum && (!best || minimum->f < best->f)) best = *minimum;
     if (best && best->f < limit) break;
   }
@@ -321,6 +332,17 @@ struct CylinderShape {
   static CylinderSurface convex(const CylinderSurface& s) { return convex_cylinder(s); }
   static CylinderSurface with_curvature(const CylinderSurface& s, double k) { return {s.anchor, s.axes, k}; }
   static CylinderSurface beside_origin(const CylinderSurface& s) { return s.anchored_beside(Eigen::Vector3d::Zero()); }
+  /// The same minimum with the anchor at the height of the points' centroid, and so its parameters: with the anchor at h
+  /// along the axis the shift is that of before + h tilt towards n, the turn that of before + h k tilt towards b.
+  static Minimum<CylinderSurface> beside_centroid(const Minimum<CylinderSurface>& m) {
+    Minimum<CylinderSurface> out = m;
+    out.surface.anchor += m.along * m.surface.axes.col(2);
+    MatrixN<5> from_before = MatrixN<5>::Identity();
+    from_before(0, 2) = m.along;
+    from_before(1, 3) = m.along * m.surface.k;
+    out.inverse_jtj = from_before * m.inverse_jtj * from_before.transpose();
+    return out;
+  }
 
   /// From two points with normals: the axis is normal to both; or, where a scan is too coarse for normals, from six
   /// points.

@@ -14,55 +14,11 @@ namespace {
 
 using Cloud = std::vector<Eigen::Vector3d>;
 
-struct Fitted {
-  FoundShape shape;
-  std::vector<bool> rejected;
-
-  Eigen::Vector3d outward(const Eigen::Vector3d& p) const {
-    const Eigen::Vector3d u = p - shape.place_mm;
-    if (shape.kind == ShapeKind::plane) return shape.direction;
-    return shape.kind == ShapeKind::sphere ? u : Eigen::Vector3d(u - u.dot(shape.direction) * shape.direction);
-  }
-  double distance(const Eigen::Vector3d& p) const {
-    if (shape.kind == ShapeKind::plane) return shape.direction.dot(p - shape.place_mm);
-    return outward(p).norm() - 0.5 * shape.diameter_mm;
-  }
-};
-
-Result<Fitted> fit_as(ShapeKind kind, const Cloud& points) {
-  const FitOptions options{.rejection = Rejection::robust};
-  Fitted out;
-  out.shape.kind = kind;
-  const auto keep = [&](const FitQuality& q) {
-    out.shape.standard_deviation_mm = q.standard_deviation_mm;
-    out.shape.n_surface = q.n_used;
-    out.shape.n_beyond = q.n_rejected;
-    out.rejected = q.rejected;
-  };
-  if (kind == ShapeKind::plane) {
-    const auto fit = fit_plane(points, options);
-    if (!fit) return tl::unexpected(fit.error());
-    out.shape.place_mm = fit->point_mm;
-    out.shape.direction = fit->normal;
-    keep(fit->quality);
-  } else if (kind == ShapeKind::sphere) {
-    const auto fit = fit_sphere(points, options);
-    if (!fit) return tl::unexpected(fit.error());
-    out.shape.place_mm = fit->center_mm;
-    out.shape.direction = Eigen::Vector3d::Zero();
-    out.shape.diameter_mm = fit->diameter_mm;
-    out.shape.u_diameter_mm = fit->u_diameter_mm;
-    keep(fit->quality);
-  } else {
-    const auto fit = fit_cylinder(points, options);
-    if (!fit) return tl::unexpected(fit.error());
-    out.shape.place_mm = fit->axis_point_mm;
-    out.shape.direction = fit->axis_direction;
-    out.shape.diameter_mm = fit->diameter_mm;
-    out.shape.u_diameter_mm = fit->u_diameter_mm;
-    keep(fit->quality);
-  }
-  return out;
+/// Without the distances, which nobody reads here.
+Result<AnyShape> fit_as(ShapeKind kind, const Cloud& points) {
+  auto fit = fit_any(kind, points, {.rejection = Rejection::robust});
+  if (fit) fit->quality.distances_mm = {};
+  return fit;
 }
 
 Cloud chosen(Points points, const std::vector<std::size_t>& index) {
@@ -73,14 +29,14 @@ Cloud chosen(Points points, const std::vector<std::size_t>& index) {
 }
 
 /// The kind of least scatter; the hypothesis's own where another gains less than a tenth.
-std::optional<Fitted> best_kind(const Hypothesis& hypothesis, const Cloud& points) {
-  std::optional<Fitted> best;
+std::optional<AnyShape> best_kind(const Hypothesis& hypothesis, const Cloud& points) {
+  std::optional<AnyShape> best;
   for (const ShapeKind kind : {ShapeKind::plane, ShapeKind::sphere, ShapeKind::cylinder}) {
     const auto fit = fit_as(kind, points);
     // A fit that lives on less than half of the points is of something else.
-    if (!fit || 2 * fit->shape.n_surface < points.size()) continue;
-    if (!best || fit->shape.standard_deviation_mm < 0.9 * best->shape.standard_deviation_mm ||
-        (kind == hypothesis.kind && fit->shape.standard_deviation_mm < 1.1 * best->shape.standard_deviation_mm)) {
+    if (!fit || 2 * fit->quality.n_used < points.size()) continue;
+    const double s = fit->quality.standard_deviation_mm, least = best ? best->quality.standard_deviation_mm : 0.0;
+    if (!best || s < 0.9 * least || (kind == hypothesis.kind && s < 1.1 * least)) {
       best = *fit;
     }
   }
@@ -147,14 +103,14 @@ std::vector<bool> near_to(Points points_mm, const Neighbourhood& hood, const std
 }
 
 struct Cleaned {
-  Fitted fitted;
+  AnyShape fitted;
   std::vector<std::size_t> members;
   std::vector<PointReason> reasons;  // of the members
 };
 
 /// Rules 1 to 3 on the points near a first surface; repeated with the surface that follows.
 std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, const std::vector<bool>& is_free,
-                               Fitted fitted, const std::vector<std::size_t>& first, const FindOptions& options) {
+                               AnyShape fitted, const std::vector<std::size_t>& first, const FindOptions& options) {
   constexpr int kRounds = 3;
   constexpr double kGap = 150.0 / 180.0 * std::numbers::pi;  // 16 neighbours at random leave it at one point in 200
   constexpr double kScatter = 0.05;                          // of the extent: more is no surface but a cloud
@@ -163,7 +119,7 @@ std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, cons
   std::vector<std::size_t> members = first;
   for (int round = 0; round < kRounds; ++round) {
     // The members: those of the hypothesis and what grows from them on the surface, from neighbour to neighbour.
-    const double limit_mm = 3.5 * std::max(fitted.shape.standard_deviation_mm, hood.noise_mm);
+    const double limit_mm = 3.5 * std::max(fitted.quality.standard_deviation_mm, hood.noise_mm);
     std::vector<bool> on(points_mm.size(), false);
     std::vector<std::size_t> open;
     for (const std::size_t i : first) {
@@ -205,7 +161,7 @@ std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, cons
       if (reason == PointReason::surface) kept.push_back(i);
     }
     if (kept.size() < options.min_points / 2) return out;
-    const auto again = fit_as(fitted.shape.kind, chosen(points_mm, kept));
+    const auto again = fit_as(fitted.kind, chosen(points_mm, kept));
     if (!again) return out;
     fitted = *again;
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
@@ -213,11 +169,11 @@ std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, cons
     mean += points_mm[kept[0]];
     double extent2 = 0.0;
     for (const std::size_t i : kept) extent2 += (points_mm[i] - mean).squaredNorm() / static_cast<double>(kept.size());
-    if (!(fitted.shape.standard_deviation_mm <= kScatter * std::sqrt(extent2))) return std::nullopt;
+    if (!(fitted.quality.standard_deviation_mm <= kScatter * std::sqrt(extent2))) return std::nullopt;
     std::size_t next = 0;
     for (std::size_t m = 0; m < members.size(); ++m) {
       if (reasons[m] != PointReason::surface) continue;
-      if (fitted.rejected[next++]) reasons[m] = PointReason::beyond;
+      if (fitted.quality.rejected[next++]) reasons[m] = PointReason::beyond;
     }
     out = Cleaned{fitted, members, std::move(reasons)};
   }
@@ -296,8 +252,12 @@ Result<FoundShapes> find_shapes(Points points_mm, std::span<const NominalShape> 
   out.shape_of.assign(n, -1);
   out.reason.assign(n, PointReason::none);
   for (const Cleaned& c : all) {
-    FoundShape shape = c.fitted.shape;
-    shape.n_surface = shape.n_beyond = 0;
+    FoundShape shape{.kind = c.fitted.kind,
+                     .place_mm = c.fitted.place_mm,
+                     .direction = c.fitted.direction,
+                     .diameter_mm = c.fitted.diameter_mm,
+                     .u_diameter_mm = c.fitted.u_diameter_mm,
+                     .standard_deviation_mm = c.fitted.quality.standard_deviation_mm};
     for (std::size_t m = 0; m < c.members.size(); ++m) {
       out.shape_of[c.members[m]] = static_cast<int>(out.shapes.size());
       out.reason[c.members[m]] = c.reasons[m];

@@ -38,8 +38,8 @@ namespace fringecal::fitting {
 
 using Points = std::span<const Eigen::Vector3d>;
 
-/// How points are rejected. Every rule starts from the fit to all (or to the consensus) and repeats until nothing
-/// changes.
+/// How points are rejected. Every rule starts from the fit to all (or to the consensus) and repeats until the set is
+/// settled (rejection.h).
 enum class Rejection {
   none,
   /// VDI/VDE 2634: at most 0.3 % of the points, those farthest out, and only beyond 3 s.

@@ -2,6 +2,7 @@
 
 #include "core/error.h"
 #include "fitting/chebyshev.h"
+#include "fitting/least_squares.h"
 #include "fitting/surface.h"
 
 #include <fmt/format.h>
@@ -205,6 +206,27 @@ Result<MinimumZone> solved(Zone zone, Points points_mm, const Eigen::Vector3d& c
 }
 
 }  // namespace
+
+std::string why_not_one_surface(const char* shape, Points points_mm, const FitQuality& plain,
+                                const FitQuality* robust) {
+  constexpr double kCloud = 0.05, kTwoKinds = 5.0;
+  const double s = plain.standard_deviation_mm;
+  if (!std::isfinite(s)) return {};
+  if (robust && robust->n_rejected > 0 && s > kTwoKinds * robust->standard_deviation_mm) {
+    return fmt::format(
+        "These points are not of one {}: they scatter {:.3g} mm about it, while {} of the {} lie on one of their own "
+        "within "
+        "{:.3g} mm (standard deviations); use --robust for that one, or `fringecal find` for every shape among them",
+        shape, s, robust->n_used, points_mm.size(), robust->standard_deviation_mm);
+  }
+  const CentredPoints centre = centred(points_mm, {}, points_mm.size());
+  if (s <= kCloud * centre.framed.scale_mm) return {};
+  return fmt::format(
+      "These points are hardly a {}: they scatter {:.3g} mm about it (standard deviation) and extend over {:.3g} mm "
+      "(rms from "
+      "their centroid); use `fringecal find` for the shapes among them, or --robust for the one most of them lie on",
+      shape, s, centre.framed.scale_mm);
+}
 
 double narrowest_interval(std::span<const double> values, double share) {
   require(!values.empty() && share > 0.0 && share <= 1.0, "narrowest_interval() is given values and a share");

@@ -21,6 +21,7 @@
 #include "fitting/fit.h"
 
 #include <span>
+#include <string>
 
 namespace fringecal::fitting {
 
@@ -33,6 +34,11 @@ FormDeviation form_of(const FitQuality& quality);
 
 /// The narrowest interval that holds the share (0..1] of the values; at least one value.
 double narrowest_interval(std::span<const double> values, double share);
+
+/// A sentence where the points of a plain fit are not of one surface, else empty: they scatter more than 5 % of their
+/// extent about it (the rule of find.h), or more than five times as much as most of them, `robust`, about a surface of
+/// their own (form deviations of one surface and noise of any usual distribution stay below twice).
+std::string why_not_one_surface(const char* shape, Points points_mm, const FitQuality& plain, const FitQuality* robust);
 
 struct MinimumZone {
   double width_mm = 0;  // T of the surface found: an upper bound of the zone

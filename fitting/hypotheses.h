@@ -3,13 +3,11 @@
 // give the same hypotheses.
 #pragma once
 
-#include "fitting/fit.h"
+#include "fitting/any_shape.h"
 
 #include <vector>
 
 namespace fringecal::fitting {
-
-enum class ShapeKind { plane, sphere, cylinder };
 
 struct Hypothesis {
   ShapeKind kind = ShapeKind::plane;

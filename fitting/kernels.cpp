@@ -21,15 +21,31 @@ using D = hn::CappedTag<double, kLanes>;
 using V = hn::Vec<D>;
 
 constexpr int rows_of(KernelKind kind) {
-  return kind == KernelKind::plane ? 3 : kind == KernelKind::sphere ? 4 : kind == KernelKind::cylinder ? 5 : 0;
+  switch (kind) {
+    case KernelKind::moments:
+      return 0;
+    case KernelKind::plane:
+      return 3;
+    case KernelKind::sphere:
+    case KernelKind::sphere_centre:
+      return 4;
+    case KernelKind::cylinder:
+    case KernelKind::cylinder_axis:
+      return 5;
+  }
+  return 0;
+}
+constexpr bool is_about_centre(KernelKind kind) {
+  return kind == KernelKind::sphere_centre || kind == KernelKind::cylinder_axis;
 }
 constexpr int sums_of(KernelKind kind) {
-  return kind == KernelKind::moments ? 9 : rows_of(kind) * (rows_of(kind) + 3) / 2 + 1;
+  const int of_rows = rows_of(kind) * (rows_of(kind) + 3) / 2 + 1;
+  return kind == KernelKind::moments ? 9 : kind == KernelKind::cylinder_axis ? of_rows + 1 : of_rows;
 }
 
 /// A task's constants in vectors.
 struct Frame {
-  V ox, oy, oz, unit, ax, ay, az, e[9], k, out_unit;
+  V ox, oy, oz, unit, ax, ay, az, e[9], k, radius, out_unit;
 };
 
 HWY_INLINE Frame frame_of(const KernelTask& t) {
@@ -44,6 +60,7 @@ HWY_INLINE Frame frame_of(const KernelTask& t) {
   f.az = hn::Set(d, t.anchor.z());
   for (int i = 0; i < 9; ++i) f.e[i] = hn::Set(d, t.axes.data()[i]);
   f.k = hn::Set(d, t.k);
+  f.radius = hn::Set(d, t.radius_mm);
   f.out_unit = hn::Set(d, t.distance_unit);
   return f;
 }
@@ -77,6 +94,18 @@ HWY_INLINE V linearize(const Frame& f, V x, V y, V z, V* HWY_RESTRICT row) {
     row[1] = x;
     row[2] = y;
     return z;
+  } else if constexpr (is_about_centre(kKind)) {  // eq. 4
+    constexpr bool kSphere = kKind == KernelKind::sphere_centre;
+    V q = hn::Add(hn::Mul(x, x), hn::Mul(y, y));
+    if constexpr (kSphere) q = hn::Add(q, hn::Mul(z, z));
+    const V size = hn::Sqrt(q);
+    const V inverse = hn::Div(hn::Set(t, 1.0), hn::Max(size, hn::Set(t, 1e-150)));
+    row[0] = hn::Mul(x, inverse);
+    row[1] = hn::Mul(y, inverse);
+    row[2] = kSphere ? hn::Mul(z, inverse) : hn::Mul(z, row[0]);
+    if constexpr (!kSphere) row[3] = hn::Mul(z, row[1]);
+    row[rows_of(kKind) - 1] = hn::Set(t, 1.0);
+    return hn::Sub(size, f.radius);
   } else if constexpr (kKind == KernelKind::sphere) {
     const V q = hn::Add(hn::Add(hn::Mul(x, x), hn::Mul(y, y)), hn::Mul(z, z));
     const Curved c = curved(hn::Sub(hn::Mul(f.k, q), hn::Add(z, z)), q, f.k);
@@ -99,17 +128,30 @@ HWY_INLINE V linearize(const Frame& f, V x, V y, V z, V* HWY_RESTRICT row) {
 }
 
 /// Everything of one vector of points. w: null for weight one.
-template <KernelKind kKind, bool kWeighted>
+template <KernelKind kKind, bool kWeighted, bool kMatrix>
 HWY_INLINE V add(const Frame& f, const double* HWY_RESTRICT p, V w, V* HWY_RESTRICT sums, V* largest, V* smallest) {
   const D t;
   V px, py, pz;
   hn::LoadInterleaved3(t, p, px, py, pz);
-  const V tx = hn::Sub(hn::Mul(hn::Sub(px, f.ox), f.unit), f.ax);  // eq. 1
-  const V ty = hn::Sub(hn::Mul(hn::Sub(py, f.oy), f.unit), f.ay);
-  const V tz = hn::Sub(hn::Mul(hn::Sub(pz, f.oz), f.unit), f.az);
-  const V x = hn::Add(hn::Add(hn::Mul(f.e[0], tx), hn::Mul(f.e[1], ty)), hn::Mul(f.e[2], tz));
-  const V y = hn::Add(hn::Add(hn::Mul(f.e[3], tx), hn::Mul(f.e[4], ty)), hn::Mul(f.e[5], tz));
-  const V z = hn::Add(hn::Add(hn::Mul(f.e[6], tx), hn::Mul(f.e[7], ty)), hn::Mul(f.e[8], tz));
+  V x, y, z;
+  V tx = hn::Sub(px, f.ox), ty = hn::Sub(py, f.oy), tz = hn::Sub(pz, f.oz);  // eq. 1
+  if constexpr (!is_about_centre(kKind)) {
+    tx = hn::Mul(tx, f.unit);
+    ty = hn::Mul(ty, f.unit);
+    tz = hn::Mul(tz, f.unit);
+  }
+  tx = hn::Sub(tx, f.ax);
+  ty = hn::Sub(ty, f.ay);
+  tz = hn::Sub(tz, f.az);
+  if constexpr (kKind == KernelKind::sphere_centre) {
+    x = tx;
+    y = ty;
+    z = tz;
+  } else {
+    x = hn::Add(hn::Add(hn::Mul(f.e[0], tx), hn::Mul(f.e[1], ty)), hn::Mul(f.e[2], tz));
+    y = hn::Add(hn::Add(hn::Mul(f.e[3], tx), hn::Mul(f.e[4], ty)), hn::Mul(f.e[5], tz));
+    z = hn::Add(hn::Add(hn::Mul(f.e[6], tx), hn::Mul(f.e[7], ty)), hn::Mul(f.e[8], tz));
+  }
   const auto weighted = [&](V v) { return kWeighted ? hn::Mul(w, v) : v; };
   const auto extend = [&](V low, V high) {
     if constexpr (kWeighted) {
@@ -144,11 +186,12 @@ HWY_INLINE V add(const Frame& f, const double* HWY_RESTRICT p, V w, V* HWY_RESTR
     for (int c = 0; c < kRows; ++c) {  // eq. 2; unrolled, or the sums live in memory
       const V wc = weighted(row[c]);
 #pragma GCC unroll 5
-      for (int r = c; r < kRows; ++r, ++s) sums[s] = hn::Add(sums[s], hn::Mul(wc, row[r]));
+      for (int r = c; kMatrix && r < kRows; ++r, ++s) sums[s] = hn::Add(sums[s], hn::Mul(wc, row[r]));
       to_d[c] = hn::Add(to_d[c], hn::Mul(wc, d));
     }
     to_d[kRows] = hn::Add(to_d[kRows], hn::Mul(weighted(d), d));
-    const V out = hn::Mul(d, f.out_unit);
+    if constexpr (kKind == KernelKind::cylinder_axis) to_d[kRows + 1] = hn::Add(to_d[kRows + 1], weighted(z));
+    const V out = is_about_centre(kKind) ? d : hn::Mul(d, f.out_unit);
     extend(out, out);
     return out;
   }
@@ -166,7 +209,7 @@ HWY_INLINE V weights_at(const PointWeights& weights, std::size_t first) {
 }
 
 /// The points first .. first + count - 1, count a multiple of kLanes.
-template <KernelKind kKind, bool kWeighted>
+template <KernelKind kKind, bool kWeighted, bool kMatrix>
 void add_block(const KernelTask& task, const Frame& f, std::size_t first, std::size_t count, KernelSums& total) {
   constexpr int kSums = sums_of(kKind);
   const D t;
@@ -175,15 +218,15 @@ void add_block(const KernelTask& task, const Frame& f, std::size_t first, std::s
   HWY_ALIGN double high[kLanes], low[kLanes];
   for (std::size_t part = 0; part < kLanes; part += width) {
     V sums[kSums];
-#pragma GCC unroll 21
+#pragma GCC unroll 22
     for (int s = 0; s < kSums; ++s) sums[s] = hn::Zero(t);
     V largest = hn::Set(t, -1e300), smallest = hn::Set(t, 1e300), w = hn::Set(t, 1.0);
     for (std::size_t i = first + part; i < first + count; i += kLanes) {
       if constexpr (kWeighted) w = weights_at(task.weights, i);
-      const V out = add<kKind, kWeighted>(f, task.points_mm[i].data(), w, sums, &largest, &smallest);
+      const V out = add<kKind, kWeighted, kMatrix>(f, task.points_mm[i].data(), w, sums, &largest, &smallest);
       if (task.distances) hn::StoreU(out, t, task.distances + i);
     }
-#pragma GCC unroll 21
+#pragma GCC unroll 22
     for (int s = 0; s < kSums; ++s) hn::Store(sums[s], t, lanes[s] + part);
     hn::Store(largest, t, high + part);
     hn::Store(smallest, t, low + part);
@@ -198,7 +241,7 @@ void add_block(const KernelTask& task, const Frame& f, std::size_t first, std::s
   }
 }
 
-template <KernelKind kKind>
+template <KernelKind kKind, bool kMatrix>
 void add_range_of(const KernelTask& task, std::size_t first, std::size_t count, KernelSums& total) {
   constexpr std::size_t kBlock = 1024;
   const Frame f = frame_of(task);
@@ -207,9 +250,9 @@ void add_range_of(const KernelTask& task, std::size_t first, std::size_t count, 
   for (std::size_t at = 0; at < whole; at += kBlock) {
     const std::size_t n = std::min(kBlock, whole - at);
     if (weighted) {
-      add_block<kKind, true>(task, f, first + at, n, total);
+      add_block<kKind, true, kMatrix>(task, f, first + at, n, total);
     } else {
-      add_block<kKind, false>(task, f, first + at, n, total);
+      add_block<kKind, false, kMatrix>(task, f, first + at, n, total);
     }
   }
   if (whole == count) return;
@@ -227,20 +270,30 @@ void add_range_of(const KernelTask& task, std::size_t first, std::size_t count, 
   last.points_mm = padded;
   last.weights = {nullptr, weights};
   last.distances = task.distances ? distances : nullptr;
-  add_block<kKind, true>(last, f, 0, kLanes, total);
+  add_block<kKind, true, kMatrix>(last, f, 0, kLanes, total);
   if (task.distances) std::copy_n(distances, count - whole, task.distances + first + whole);
+}
+
+template <KernelKind kKind>
+void add_range_with(const KernelTask& task, std::size_t first, std::size_t count, KernelSums& total) {
+  if (task.wanted == KernelSumsWanted::all) return add_range_of<kKind, true>(task, first, count, total);
+  add_range_of<kKind, false>(task, first, count, total);
 }
 
 void add_range(const KernelTask& task, std::size_t first, std::size_t count, KernelSums& total) {
   switch (task.kind) {
     case KernelKind::moments:
-      return add_range_of<KernelKind::moments>(task, first, count, total);
+      return add_range_of<KernelKind::moments, true>(task, first, count, total);
     case KernelKind::plane:
-      return add_range_of<KernelKind::plane>(task, first, count, total);
+      return add_range_with<KernelKind::plane>(task, first, count, total);
     case KernelKind::sphere:
-      return add_range_of<KernelKind::sphere>(task, first, count, total);
+      return add_range_of<KernelKind::sphere, true>(task, first, count, total);
     case KernelKind::cylinder:
-      return add_range_of<KernelKind::cylinder>(task, first, count, total);
+      return add_range_of<KernelKind::cylinder, true>(task, first, count, total);
+    case KernelKind::sphere_centre:
+      return add_range_with<KernelKind::sphere_centre>(task, first, count, total);
+    case KernelKind::cylinder_axis:
+      return add_range_with<KernelKind::cylinder_axis>(task, first, count, total);
   }
 }
 

@@ -28,6 +28,10 @@ std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, con
   if (!A.allFinite() || !(diagonal.minCoeff() > 0.0)) return std::nullopt;
   const VectorN<N> scaling = diagonal.cwiseSqrt().cwiseInverse();
   const MatrixN<N> scaled = scaling.asDiagonal() * A * scaling.asDiagonal();
+  const auto refined = [&](const MatrixN<N>& inverse) {
+    const VectorN<N> x = inverse * b;
+    return NormalSolution<N>{x + inverse * (b - A * x), inverse};
+  };
   // With the trace N the eigenvalues but the smallest have a product below (N / (N - 1))^(N - 1) < e, so the smallest is
   // above the determinant / e: mostly the factors alone, a tenth of the work, show that it is above the limit.
   constexpr double kSmallest = 1e-10;
@@ -36,13 +40,13 @@ std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, con
       std::pow(factors.matrixLLT().diagonal().prod(), 2) > std::numbers::e * kSmallest) {
     const MatrixN<N> root = factors.matrixL().solve(MatrixN<N>(scaling.asDiagonal()));
     const MatrixN<N> inverse = root.transpose() * root;
-    return NormalSolution<N>{inverse * b, inverse};
+    return refined(inverse);
   }
   const SymmetricEigen<N> eigen = symmetric_eigen<N>(scaled);
   if (!(eigen.values[0] > kSmallest)) return std::nullopt;
   const MatrixN<N> root = scaling.asDiagonal() * eigen.vectors;
   const MatrixN<N> inverse = root * eigen.values.cwiseInverse().asDiagonal() * root.transpose();
-  return NormalSolution<N>{inverse * b, inverse};
+  return refined(inverse);
 }
 template std::optional<NormalSolution<3>> solve_normal_equations<3>(const MatrixN<3>&, const VectorN<3>&);
 template std::optional<NormalSolution<4>> solve_normal_equations<4>(const MatrixN<4>&, const VectorN<4>&);

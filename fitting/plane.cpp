@@ -53,6 +53,8 @@ struct PlaneShape {
     return {s.axes.col(2).dot(s.anchor) * s.axes.col(2), s.axes};
   }
 
+  static Minimum<PlaneSurface> beside_centroid(const Minimum<PlaneSurface>& m) { return m; }
+
   static std::optional<PlaneSurface> propose(const Sample& sample, Random& random) {
     const std::size_t n = sample.points.size();
     const Eigen::Vector3d a = sample.points[random.below(n)], b = sample.points[random.below(n)],

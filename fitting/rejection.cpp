@@ -1,5 +1,7 @@
 #include "fitting/rejection.h"
 
+#include "fitting/selection.h"
+
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -110,65 +112,46 @@ std::size_t count_used(const UsedBits& bits) {
   return n;
 }
 
-UsedBits within(std::span<const double> distances_mm, double limit_mm) {
-  const std::size_t n = distances_mm.size();
-  UsedBits out((n + 7) / 8, 0);
-  for (std::size_t byte = 0; byte < out.size(); ++byte) {
-    const std::size_t last = std::min<std::size_t>(8, n - 8 * byte);
-    unsigned bits = 0;
-    for (std::size_t i = 0; i < last; ++i) bits |= (std::abs(distances_mm[8 * byte + i]) <= limit_mm ? 1u : 0u) << i;
-    out[byte] = static_cast<std::uint8_t>(bits);
-  }
-  return out;
+bool is_settled(const UsedBits& now, const UsedBits& next) {
+  UsedBits differing(now.size());
+  std::transform(now.begin(), now.end(), next.begin(), differing.begin(),
+                 [](std::uint8_t a, std::uint8_t b) { return static_cast<std::uint8_t>(a ^ b); });
+  const double n = 8.0 * static_cast<double>(now.size());
+  return static_cast<double>(count_used(differing)) <= 0.01 * std::sqrt(n);
 }
 
+UsedBits within(std::span<const double> distances_mm, double limit_mm) { return marked_within(distances_mm, limit_mm); }
+
 double median_size(std::span<const double> distances_mm, const UsedBits& used) {
+  constexpr std::size_t kFew = 2000, kLeast = 1024, kMost = 16384;
   const std::size_t n = count_used(used);
   require(n > 0, "a median is taken of some points");
-  if (n < 50000) {
-    std::vector<double> sizes;
-    sizes.reserve(n);
-    for (std::size_t i = 0; i < distances_mm.size(); ++i) {
-      if (is_used(used, i)) sizes.push_back(std::abs(distances_mm[i]));
+  double low = 0.0, high = std::numeric_limits<double>::max();
+  if (n > kFew) {
+    // One pass: what lies below an interval that holds the median, by a sample, is counted and what lies in it
+    // collected. Five standard deviations of the sample's quantile on either side.
+    std::vector<double> some;
+    const std::size_t step = distances_mm.size() / std::clamp(distances_mm.size() / 16, kLeast, kMost);
+    for (std::size_t i = 0; i < distances_mm.size(); i += step) {
+      if (is_used(used, i)) some.push_back(std::abs(distances_mm[i]));
     }
-    std::nth_element(sizes.begin(), sizes.begin() + static_cast<std::ptrdiff_t>(n / 2), sizes.end());
-    return sizes[n / 2];
+    const auto m = static_cast<std::ptrdiff_t>(some.size());
+    const auto reach = static_cast<std::ptrdiff_t>(2.5 * std::sqrt(static_cast<double>(m)));
+    const auto quantile = [&](std::ptrdiff_t rank) {
+      std::nth_element(some.begin(), some.begin() + rank, some.end());
+      return some[static_cast<std::size_t>(rank)];
+    };
+    if (m / 2 > reach) low = quantile(m / 2 - reach);
+    if (m / 2 + reach < m) high = quantile(m / 2 + reach);
   }
-  // One pass: what lies below an interval that holds the median, by a sample, is counted and what lies in it collected,
-  // so that no second array of all sizes is needed. Five standard deviations of the sample's quantile on either side.
-  constexpr std::size_t kSample = 16384;
-  std::vector<double> sizes;
-  sizes.reserve(n / 16);
-  const std::size_t step = distances_mm.size() / kSample;
-  for (std::size_t i = 0; i < distances_mm.size(); i += step) {
-    if (is_used(used, i)) sizes.push_back(std::abs(distances_mm[i]));
-  }
-  const auto m = static_cast<std::ptrdiff_t>(sizes.size());
-  const auto reach = static_cast<std::ptrdiff_t>(2.5 * std::sqrt(static_cast<double>(m)));
-  const auto quantile = [&](std::ptrdiff_t rank) {
-    std::nth_element(sizes.begin(), sizes.begin() + rank, sizes.end());
-    return sizes[static_cast<std::size_t>(rank)];
-  };
-  double low = m / 2 > reach ? quantile(m / 2 - reach) : 0.0;
-  double high = m / 2 + reach < m ? quantile(m / 2 + reach) : std::numeric_limits<double>::max();
   for (;;) {
-    std::size_t before = 0;
-    sizes.clear();
-    for (std::size_t byte = 0; byte < used.size(); ++byte) {
-      const std::size_t last = std::min<std::size_t>(8, distances_mm.size() - 8 * byte);
-      for (std::size_t i = 0; i < last; ++i) {
-        const double size = std::abs(distances_mm[8 * byte + i]);
-        const unsigned counts = used[byte] >> i & 1u;
-        before += counts & static_cast<unsigned>(size < low);
-        if ((counts & static_cast<unsigned>(size >= low) & static_cast<unsigned>(size <= high)) != 0)
-          sizes.push_back(size);
-      }
-    }
-    if (before <= n / 2 && n / 2 - before < sizes.size()) {
-      const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(n / 2 - before);
-      std::nth_element(sizes.begin(), middle, sizes.end());
+    SizesBetween found = sizes_between(distances_mm, used, low, high);
+    if (found.below <= n / 2 && n / 2 - found.below < found.sizes.size()) {
+      const auto middle = found.sizes.begin() + static_cast<std::ptrdiff_t>(n / 2 - found.below);
+      std::nth_element(found.sizes.begin(), middle, found.sizes.end());
       return *middle;
     }
+    require(low > 0.0 || high < std::numeric_limits<double>::max(), "distances are numbers");
     low = 0.0;  // a sample that misleads: all of them
     high = std::numeric_limits<double>::max();
   }

@@ -5,7 +5,8 @@
 // is so with probability p(t) = t / size of the scan. The best surface has the least
 //   ln NFA = min over t of  ln C(n, k(t)) + (k(t) - m) ln p(t)                                                 (1)
 // (a-contrario RANSAC [MoisanStival2004]): many points at a small tolerance, without a tolerance that must be given.
-// Then, on all points, until the set is the same:
+// Then, on all points, until the set is the same, or the one before the last, or changes by at most sqrt(n) / 100 points
+// (each stands 3.5 sigma off, so together they move the surface by less than a twentieth of its standard uncertainty):
 //   sigma = 1.4826 median |d| over the points used;  used = { |d| <= 3.5 sigma }                               (2)
 // (1.4826: the ratio of standard deviation and MAD of a normal distribution.)
 #pragma once
@@ -59,6 +60,9 @@ double median_size(std::span<const double> distances_mm, const UsedBits& used);
 
 /// The points within 3.5 sigma, eq. 2. rounding_mm: a distance that rounding explains is never beyond.
 UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm);
+
+/// Whether the sets differ by so few points that it is of no consequence.
+bool is_settled(const UsedBits& now, const UsedBits& next);
 
 /// VDI/VDE 2634: all but at most 0.3 % of the points, those farthest out, and only beyond 3 s.
 UsedBits within_three_deviations(std::span<const double> distances_mm, double standard_deviation_mm);

@@ -95,6 +95,7 @@ struct SphereShape {
   static SphereSurface convex(const SphereSurface& s) { return fitting::convex(s); }
   static SphereSurface with_curvature(const SphereSurface& s, double k) { return {s.anchor, s.axes, k}; }
   static SphereSurface beside_origin(const SphereSurface& s) { return s; }
+  static Minimum<SphereSurface> beside_centroid(const Minimum<SphereSurface>& m) { return m; }
 
   /// Through four points, or where the normals of two points meet.
   static std::optional<SphereSurface> propose(const Sample& sample, Random& random) {

@@ -5,7 +5,10 @@
 // after [LukacsMarshallMartin1998]. The form holds through k = 0 (a plane), so a small cap or sector of a large radius
 // is fitted as well conditioned as a full one; no large nearly equal numbers are subtracted.
 //
-// Its derivatives by the parameters (kernels.cpp) follow from dA/dk = q and dD/dk = (A + k q) / (2 D).
+// Its derivatives by the parameters (kernels.cpp) follow from dA/dk = q and dD/dk = (A + k q) / (2 D). From the sums about
+// the centre o + n / k (kernels.h, eq. 4), of rows g, those of the same derivatives J are
+//   J = T g                                                                                                        (2)
+// which loses a factor of 1 / k^2 (in units of the points' size) of the digits.
 //
 // Every surface has: kParameters; kKernel, the sums over points (kernels.h); distance(p); moved(step), the surface after
 // a small step of the parameters; transformed(scale, offset), the surface carried by x -> scale x + offset; and
@@ -69,6 +72,17 @@ struct SphereSurface {
   SphereSurface moved(const Row& step) const {
     return {anchor + step[0] * axes.col(2), turned(axes, step[1] * axes.col(1) - step[2] * axes.col(0)), k + step[3]};
   }
+  static constexpr KernelKind kAboutCentre = KernelKind::sphere_centre;
+  Eigen::Vector3d centre() const { return anchor + axes.col(2) / k; }
+  /// T of eq. 2.
+  Eigen::Matrix4d from_centre() const {
+    Eigen::Matrix4d T = Eigen::Matrix4d::Zero();
+    T.block<1, 3>(0, 0) = -axes.col(2).transpose();
+    T.block<1, 3>(1, 0) = -axes.col(0).transpose() / k;
+    T.block<1, 3>(2, 0) = -axes.col(1).transpose() / k;
+    T.row(3) << axes.col(2).transpose() / (k * k), 1.0 / (k * k);
+    return T;
+  }
   SphereSurface transformed(double scale, const Eigen::Vector3d& offset) const {
     return {scale * anchor + offset, axes, k / scale};
   }
@@ -96,6 +110,15 @@ struct CylinderSurface {
   CylinderSurface moved(const Row& step) const {
     const Eigen::Vector3d w = step[1] * axes.col(2) + step[2] * axes.col(1) - step[3] * axes.col(0);
     return {anchor + step[0] * axes.col(0), turned(axes, w), k + step[4]};
+  }
+  static constexpr KernelKind kAboutCentre = KernelKind::cylinder_axis;
+  Eigen::Vector3d centre() const { return anchor + axes.col(0) / k; }
+  /// T of eq. 2.
+  Eigen::Matrix<double, 5, 5> from_centre() const {
+    Eigen::Matrix<double, 5, 5> T = Eigen::Matrix<double, 5, 5>::Zero();
+    T.diagonal() << -1.0, -1.0 / k, -1.0, -1.0, 1.0 / (k * k);
+    T(4, 0) = 1.0 / (k * k);
+    return T;
   }
   CylinderSurface transformed(double scale, const Eigen::Vector3d& offset) const {
     return {scale * anchor + offset, axes, k / scale};

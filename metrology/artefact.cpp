@@ -1,7 +1,7 @@
 #include "metrology/artefact.h"
 
 #include "core/statistics.h"
-#include "fitting/fit.h"
+#include "fitting/any_shape.h"
 #include "metrology/calibration_uncertainty.h"
 #include "metrology/segment.h"
 
@@ -18,54 +18,12 @@ namespace {
 
 constexpr std::size_t kThinned = 5000;  // enough to know a shape; the robust search costs points x trials
 
-/// Whatever shape: distances and outward normals of points, and the few figures a measurement keeps.
-struct Surface {
-  ArtefactKind kind = ArtefactKind::plane;
-  Eigen::Vector3d place = Eigen::Vector3d::Zero(), direction = Eigen::Vector3d::Zero();
-  double diameter = 0, u_diameter = 0, rms = 0, standard_deviation = 0;
-
-  /// From the surface to the point, across it: (p - c), or its part across the axis; the plane's normal.
-  Eigen::Vector3d outward(const Eigen::Vector3d& p) const {
-    const Eigen::Vector3d d = p - place;
-    if (kind == ArtefactKind::plane) return direction;
-    return kind == ArtefactKind::sphere ? d : Eigen::Vector3d(d - d.dot(direction) * direction);
-  }
-  double distance(const Eigen::Vector3d& p) const {
-    if (kind == ArtefactKind::plane) return direction.dot(p - place);
-    return outward(p).norm() - 0.5 * diameter;
-  }
-};
+using Surface = fitting::AnyShape;
 
 Result<Surface> fit_surface(ArtefactKind kind, std::span<const Eigen::Vector3d> points, fitting::Rejection rejection) {
-  const fitting::FitOptions options{.rejection = rejection};
-  Surface s{.kind = kind};
-  const auto keep_quality = [&s](const fitting::FitQuality& q) {
-    s.rms = q.rms_mm;
-    s.standard_deviation = q.standard_deviation_mm;
-  };
-  if (kind == ArtefactKind::plane) {
-    const auto fit = fitting::fit_plane(points, options);
-    if (!fit) return tl::unexpected(fit.error());
-    s.place = fit->point_mm;
-    s.direction = fit->normal;
-    keep_quality(fit->quality);
-  } else if (kind == ArtefactKind::sphere) {
-    const auto fit = fitting::fit_sphere(points, options);
-    if (!fit) return tl::unexpected(fit.error());
-    s.place = fit->center_mm;
-    s.diameter = fit->diameter_mm;
-    s.u_diameter = fit->u_diameter_mm;
-    keep_quality(fit->quality);
-  } else {
-    const auto fit = fitting::fit_cylinder(points, options);
-    if (!fit) return tl::unexpected(fit.error());
-    s.place = fit->axis_point_mm;
-    s.direction = fit->axis_direction;
-    s.diameter = fit->diameter_mm;
-    s.u_diameter = fit->u_diameter_mm;
-    keep_quality(fit->quality);
-  }
-  return s;
+  constexpr fitting::ShapeKind kKinds[] = {fitting::ShapeKind::plane, fitting::ShapeKind::sphere,
+                                           fitting::ShapeKind::cylinder};
+  return fitting::fit_any(kKinds[static_cast<int>(kind)], points, {.rejection = rejection});
 }
 
 /// 1.4826 times the median absolute deviation from the median.
@@ -83,7 +41,7 @@ struct Places {
 Result<ArtefactMeasurement> refine(const PointCloud& cloud, const std::vector<std::size_t>& segment, Surface surface,
                                    const Places& places, const ArtefactOptions& options) {
   const double min_cosine = std::cos(options.max_incidence_deg * std::numbers::pi / 180.0);
-  ArtefactMeasurement m{.kind = surface.kind};
+  ArtefactMeasurement m;
   std::vector<std::size_t> kept, before;
   std::vector<double> distances;
   // The kept set depends on the surface only through its normals; it settles in two or three rounds.
@@ -95,7 +53,7 @@ Result<ArtefactMeasurement> refine(const PointCloud& cloud, const std::vector<st
       const Eigen::Vector3d to_camera = (places.camera - p).normalized(),
                             to_light = (places.projector - p).normalized();
       Eigen::Vector3d normal = surface.outward(p).normalized();
-      if (surface.kind == ArtefactKind::plane && normal.dot(to_camera) < 0) normal = -normal;
+      if (surface.kind == fitting::ShapeKind::plane && normal.dot(to_camera) < 0) normal = -normal;
       if (!(normal.dot(to_camera) >= min_cosine && normal.dot(to_light) >= min_cosine)) continue;  // eq. 2
       facing.push_back(i);
       distances.push_back(surface.distance(p));
@@ -114,18 +72,18 @@ Result<ArtefactMeasurement> refine(const PointCloud& cloud, const std::vector<st
     }
     m.n_grazing = segment.size() - facing.size();
     m.n_gross = facing.size() - kept.size();
-    const auto fitted = fit_surface(surface.kind, m.points_mm, fitting::Rejection::none);
+    const auto fitted = fitting::fit_any(surface.kind, m.points_mm, {});
     if (!fitted) return tl::unexpected(fitted.error());
     surface = *fitted;
     if (kept == before) break;
     before = kept;
   }
   m.n_points = kept.size();
-  m.place_mm = surface.place;
-  m.form_standard_deviation_mm = surface.standard_deviation;
-  if (surface.kind != ArtefactKind::plane) {
-    m.diameter_mm = surface.diameter;
-    m.u_diameter_noise_mm = surface.u_diameter;
+  m.place_mm = surface.place_mm;
+  m.form_standard_deviation_mm = surface.quality.standard_deviation_mm;
+  if (surface.kind != fitting::ShapeKind::plane) {
+    m.diameter_mm = surface.diameter_mm;
+    m.u_diameter_noise_mm = surface.u_diameter_mm;
   }
   int left = std::numeric_limits<int>::max(), top = left, right = 0, bottom = 0;
   for (const std::size_t i : kept) {
@@ -160,8 +118,8 @@ std::optional<Candidate> best_segment(const NominalArtefact& nominal,
     const auto surface = fit_surface(nominal.kind, segment_points[s], rejection);
     if (!surface) continue;
     if (nominal.kind == ArtefactKind::plane) return Candidate{s, *surface};  // segments come by falling size
-    seen += fmt::format(" {:.2f} mm;", surface->diameter);
-    const double error = std::abs(surface->diameter / nominal.diameter_mm - 1.0);
+    seen += fmt::format(" {:.2f} mm;", surface->diameter_mm);
+    const double error = std::abs(surface->diameter_mm / nominal.diameter_mm - 1.0);
     if (error <= best_error) {
       best = Candidate{s, *surface};
       best_error = error;
@@ -216,6 +174,7 @@ Result<std::vector<ArtefactMeasurement>> measure_artefacts(const PointCloud& clo
     auto measurement = refine(cloud, segments[best->segment], best->surface, places, options);
     if (!measurement) return unanswerable(fmt::format("{}: {}", nominal.name, measurement.error().sentence));
     measurement->name = nominal.name;
+    measurement->kind = nominal.kind;
     out.push_back(std::move(*measurement));
   }
   return out;
@@ -229,10 +188,11 @@ std::vector<ArtefactMeasurement> measure_all(const PointCloud& cloud, const mode
     std::vector<Eigen::Vector3d> points;
     for (const std::size_t i : segment) points.push_back(cloud.points[i].position_mm);
     const auto surface = fit_surface(nominal.kind, thinned(points, kThinned), fitting::Rejection::none);
-    if (!surface || std::abs(surface->diameter / nominal.diameter_mm - 1.0) > options.max_size_error) continue;
+    if (!surface || std::abs(surface->diameter_mm / nominal.diameter_mm - 1.0) > options.max_size_error) continue;
     auto measurement = refine(cloud, segment, *surface, places, options);
     if (!measurement) continue;
     measurement->name = nominal.name;
+    measurement->kind = nominal.kind;
     out.push_back(std::move(*measurement));
   }
   return out;
@@ -244,7 +204,7 @@ Result<double> u_diameter_from_calibration(const ArtefactMeasurement& measuremen
   return u_from_calibration(points, scanner, [&](std::span<const Eigen::Vector3d> moved) -> Result<double> {
     const auto surface = fit_surface(measurement.kind, moved, fitting::Rejection::none);
     if (!surface) return tl::unexpected(surface.error());
-    return surface->diameter;
+    return surface->diameter_mm;
   });
 }
 

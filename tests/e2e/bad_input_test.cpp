@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <fstream>
 #include <string>
 
@@ -159,6 +160,26 @@ TEST_F(BadPoints, NotANumber) { expect_one_sentence(fit("a.xyz", "0 0 0\n1 nan 0
 TEST_F(BadPoints, Infinity) { expect_one_sentence(fit("a.xyz", "0 0 0\n1 inf 0\n"), 2, {"a.xyz", "2"}); }
 TEST_F(BadPoints, TwoNumbersInALine) { expect_one_sentence(fit("a.xyz", "0 0 0\n1 2\n"), 2, {"a.xyz", "2"}); }
 TEST_F(BadPoints, CountThatDoesNotMatch) { expect_one_sentence(fit("a.ds", "5\n0 0 0\n1 2 3\n"), 2, {"a.ds", "5"}); }
+// Two spheres in one file: the sphere fitted to both is no sphere, and the program says what to do.
+TEST_F(BadPoints, OfSeveralObjectsAreSaidToBeNoSphere) {
+  std::string one, two;
+  for (int i = 0; i < 400; ++i) {
+    const double z = 1.0 - (i + 0.5) / 400.0, across = std::sqrt(1.0 - z * z), r = 25.0 + 0.01 * std::sin(7.0 * i);
+    const double x = r * across * std::cos(2.4 * i), y = r * across * std::sin(2.4 * i);
+    const auto line = [](double a, double b, double c) {
+      return std::to_string(a) + " " + std::to_string(b) + " " + std::to_string(c) + "\n";
+    };
+    one += line(x, y, r * z);
+    two += line(0.6 * x + 150.0, 0.6 * y, 0.6 * r * z);
+  }
+  const auto alone = fit("one.xyz", one), both = fit("both.xyz", one + two);
+  EXPECT_EQ(alone.exit_code, 0);
+  EXPECT_EQ(both.exit_code, 0);
+  EXPECT_EQ(alone.output.find("doubt"), std::string::npos) << alone.output;
+  EXPECT_NE(both.output.find("doubt"), std::string::npos) << both.output;
+  EXPECT_NE(both.output.find("--robust"), std::string::npos) << both.output;
+  EXPECT_NE(both.output.find("fringecal find"), std::string::npos) << both.output;
+}
 TEST_F(BadPoints, FewerPointsThanParameters) {
   expect_one_sentence(fit("a.xyz", "0 0 0\n1 0 0\n0 1 0\n"), 2, {"3", "4"});
   expect_one_sentence(fit("a.xyz", "0 0 0\n1 0 0\n0 1 0\n0 0 1\n", "cylinder"), 2, {"4", "5"});

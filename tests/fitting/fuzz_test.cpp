@@ -160,17 +160,38 @@ std::string problem_of(const Cloud& cloud, Rejection rejection) {
   return {};
 }
 
+struct Input {
+  Cloud cloud;
+  Rejection rejection = Rejection::none;
+};
+Input input_of(int number) {
+  Random random(1000003ull * static_cast<std::uint64_t>(number) + 17);
+  Input out{random_cloud(random)};
+  if (random.below(200) == 0) {
+    out.rejection = Rejection::robust;
+  } else if (random.below(20) == 0) {
+    out.rejection = Rejection::vdi_2634;
+  }
+  return out;
+}
+
+// Cylinders of ten to twenty points beyond the first two thousand inputs: an axis open to the first order; a plane with one
+// point far off (twice), where the sum of squares no longer shows the step along a bent valley; a radius that is hardly
+// above rounding.
+TEST(FitAll, ReturnStationaryPointsOrReasonsWhereTheShapeIsHardlyDetermined) {
+  for (const int number : {21517, 23040, 136392, 29261}) {
+    const Input input = input_of(number);
+    EXPECT_EQ(problem_of(input.cloud, input.rejection), "") << "input " << number;
+  }
+}
+
 TEST(FitAll, ReturnStationaryPointsOrReasonsForRandomInputs) {
   const char* set = std::getenv("FRINGECAL_LONG");
   const int inputs = !set ? 2000 : std::atoi(set) > 1 ? std::atoi(set) : 1000000;
   double longest_s = 0.0;
   int failures = 0;
   for (int i = 0; i < inputs; ++i) {
-    Random random(1000003ull * static_cast<std::uint64_t>(i) + 17);
-    const Cloud cloud = random_cloud(random);
-    const Rejection rejection = random.below(200) == 0  ? Rejection::robust
-                                : random.below(20) == 0 ? Rejection::vdi_2634
-                                                        : Rejection::none;
+    const auto [cloud, rejection] = input_of(i);
     const std::clock_t start = std::clock();  // processor time: a busy machine is no hang
     const std::string problem = problem_of(cloud, rejection);
     longest_s = std::max(longest_s, static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC);

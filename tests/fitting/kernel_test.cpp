@@ -1,5 +1,6 @@
 // The sums over points: the same bytes on every width of vectors, and what masks and weights mean.
 #include "fitting/kernels.h"
+#include "fitting/selection.h"
 
 #include "tests/fitting/synthetic.h"
 
@@ -18,8 +19,11 @@ KernelTask task_of(KernelKind kind, const Cloud& cloud) {
   task.anchor = {0.1, -0.2, 0.9};
   task.axes = Eigen::Quaterniond(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, -2, 0.5).normalized())).toRotationMatrix();
   task.k = 0.8;
+  task.radius_mm = 20.0;
   return task;
 }
+constexpr KernelKind kKinds[] = {KernelKind::moments,  KernelKind::plane,         KernelKind::sphere,
+                                 KernelKind::cylinder, KernelKind::sphere_centre, KernelKind::cylinder_axis};
 const Cloud& cloud() {
   static const Cloud points = [] {
     Cloud out;
@@ -34,7 +38,7 @@ TEST(Kernels, GiveTheSameBytesOnEveryWidthOfVectors) {
   std::vector<std::uint8_t> used((cloud().size() + 7) / 8);
   Random random(4);
   for (auto& byte : used) byte = static_cast<std::uint8_t>(random.next());
-  for (const KernelKind kind : {KernelKind::moments, KernelKind::plane, KernelKind::sphere, KernelKind::cylinder}) {
+  for (const KernelKind kind : kKinds) {
     for (const bool masked : {false, true}) {
       std::vector<double> first(cloud().size()), other(cloud().size());
       KernelTask task = task_of(kind, cloud());
@@ -59,7 +63,7 @@ TEST(Kernels, GiveTheSameBytesOnEveryWidthOfVectors) {
 }
 
 TEST(Kernels, LeaveOutWhatIsNotUsedAndWeighWhatIs) {
-  for (const KernelKind kind : {KernelKind::moments, KernelKind::plane, KernelKind::sphere, KernelKind::cylinder}) {
+  for (const KernelKind kind : kKinds) {
     const Cloud all(cloud().begin(), cloud().begin() + 2003);
     std::vector<std::uint8_t> used((all.size() + 7) / 8, 0);
     std::vector<double> weights(all.size(), 0.0);
@@ -80,6 +84,50 @@ TEST(Kernels, LeaveOutWhatIsNotUsedAndWeighWhatIs) {
     EXPECT_EQ(a.largest, b.largest);
     EXPECT_EQ(a.smallest, b.smallest);
   }
+}
+
+// What is left out is left out, the rest keeps its bytes.
+TEST(Kernels, GiveTheOtherSumsAlikeWithoutTheMatrix) {
+  for (const KernelKind kind : {KernelKind::plane, KernelKind::sphere_centre, KernelKind::cylinder_axis}) {
+    KernelTask task = task_of(kind, cloud());
+    const KernelSums all = run_kernel(task);
+    task.wanted = KernelSumsWanted::all_but_matrix;
+    const KernelSums part = run_kernel(task);
+    const int rows = kind == KernelKind::plane ? 3 : kind == KernelKind::sphere_centre ? 4 : 5;
+    for (int s = 0; s < KernelSums::kMost; ++s) {
+      EXPECT_EQ(part.sums[s], s < rows * (rows + 1) / 2 ? 0.0 : all.sums[s]) << s;
+    }
+    EXPECT_EQ(part.largest, all.largest);
+    EXPECT_EQ(part.smallest, all.smallest);
+  }
+}
+
+TEST(Selection, MarksAndCollectsOnEveryWidthOfVectorsWhatOneByOneComparisonsDo) {
+  Random random(6);
+  std::vector<double> distances(10007);
+  for (double& d : distances) d = normal(random);
+  distances[5] = std::numeric_limits<double>::quiet_NaN();
+  std::vector<std::uint8_t> used((distances.size() + 7) / 8), within(used.size(), 0);
+  for (auto& byte : used) byte = static_cast<std::uint8_t>(random.next());
+  std::vector<double> sizes;
+  std::size_t below = 0;
+  for (std::size_t i = 0; i < distances.size(); ++i) {
+    const double size = std::abs(distances[i]);
+    if (size <= 0.7) within[i / 8] = static_cast<std::uint8_t>(within[i / 8] | 1u << (i % 8));
+    if (!(used[i / 8] >> (i % 8) & 1)) continue;
+    if (size < 0.5) ++below;
+    if (size >= 0.5 && size <= 0.7) sizes.push_back(size);
+  }
+  for (const std::int64_t target : hwy::SupportedAndGeneratedTargets()) {
+    hwy::SetSupportedTargetsForTest(target);
+    hwy::GetChosenTarget().Update(hwy::SupportedTargets());
+    EXPECT_EQ(marked_within(distances, 0.7), within) << hwy::TargetName(target);
+    const SizesBetween found = sizes_between(distances, used, 0.5, 0.7);
+    EXPECT_EQ(found.below, below) << hwy::TargetName(target);
+    EXPECT_EQ(found.sizes, sizes) << hwy::TargetName(target);
+  }
+  hwy::SetSupportedTargetsForTest(0);
+  hwy::GetChosenTarget().Update(hwy::SupportedTargets());
 }
 
 }  // namespace
