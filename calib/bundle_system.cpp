@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 
 #include <algorithm>
 #include <array>
@@ -36,6 +37,24 @@ std::vector<std::string> distortion_names(const std::string& prefix) {
   std::vector<std::string> out;
   for (const char* name : {"k1", "k2", "p1", "p2", "k3"}) out.push_back(prefix + name);
   return out;
+}
+
+/// The focal lengths that take part in what a singular matrix leaves open, beside the row that its pivots name.
+std::string with_focal_lengths(const Eigen::MatrixXd& normal, const std::vector<std::string>& names, Index open) {
+  const Eigen::VectorXd scale = normal.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(scale.asDiagonal() * normal * scale.asDiagonal());
+  std::string words = names[static_cast<std::size_t>(open)];
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const auto row = static_cast<Index>(i);
+    const bool focal = names[i].ends_with("fx_px") || names[i].ends_with("fy_px") || names[i].ends_with(".f");
+    double share = 0;
+    for (Index m = 0; m < normal.rows(); ++m) {
+      // Directions known a thousand times worse than each parameter on its own.
+      if (modes.eigenvalues()[m] < 1e-6) share += std::pow(modes.eigenvectors()(row, m), 2);
+    }
+    if (focal && row != open && share > 0.01) words += " and " + names[i];
+  }
+  return words;
 }
 
 /// Inverse of a symmetric matrix scaled to a unit diagonal, or the index of the row that it leaves open.
@@ -408,8 +427,7 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
     s.noalias() -= blocks_[j].w.transpose() * k.back();
   }
   Inverse c = inverse_of(0.5 * (s + s.transpose()));
-  if (c.open >= 0)
-    return open(c.open < nd ? names_[static_cast<std::size_t>(c.open)] : "a corner's place on the board");
+  if (c.open >= 0) return open(c.open < nd ? with_focal_lengths(s, names_, c.open) : "a corner's place on the board");
   if (!c.matrix.allFinite()) return unanswerable("the covariance of the calibration is not finite; capture more poses");
   Posterior out;
   out.shared = std::move(c.matrix);

@@ -91,12 +91,16 @@ Result<Choice> choose_terms(Bundle& bundle, SolveSettings settings, DistortionTe
   Choice best;
   double best_bic = 0;
   std::optional<Bundle> solved;
+  std::optional<Unanswerable> simplest;
   for (const DistortionTerms candidate : kRicher) {
     settings.free.*terms = candidate;
     Bundle trial = bundle;
     for (std::size_t k = 0; k < trial.sights.size(); ++k) trial.sights[k].used = richest.sights[k].used;
     const auto report = solve_bundle(trial, settings);
-    if (!report) continue;
+    if (!report) {
+      if (!simplest) simplest = report.error();
+      continue;
+    }
     const double bic = report->chi2 + term_count(candidate) * std::log(static_cast<double>(report->residuals));
     best.words += fmt::format("{}BIC {} {:.1f}", best.words.empty() ? "" : ", ", name_of(candidate), bic);
     if (!solved || bic < best_bic) {
@@ -105,7 +109,7 @@ Result<Choice> choose_terms(Bundle& bundle, SolveSettings settings, DistortionTe
       solved = std::move(trial);
     }
   }
-  if (!solved) return unanswerable("no set of distortion terms is determined by the poses; capture more of them");
+  if (!solved) return tl::unexpected(*simplest);
   bundle = std::move(*solved);
   return best;
 }

@@ -103,6 +103,44 @@ int reject(Bundle& bundle, const std::vector<Reading>& readings, const std::vect
   return count + static_cast<int>(back.size());
 }
 
+/// What a parameter's standard uncertainty moves at the edge of what the lenses see, mm: angle there times distance.
+double at_the_edge_mm(const std::string& name, double u, const Bundle& b) {
+  const double f = b.camera.fx_px, edge = 0.5 * std::hypot(b.camera.width_px, b.camera.height_px) / f;
+  double distance = 0;
+  for (const auto& pose : b.cam_from_board) distance += pose.translation_mm.norm();
+  distance /= static_cast<double>(b.cam_from_board.size());
+  const auto ends = [&](const char* with) { return name.ends_with(with); };
+  const auto& axis = b.projector && b.projector->x ? b.projector->x : b.projector ? b.projector->y : std::nullopt;
+  double angle = 0;
+  if (ends("fx_px") || ends("fy_px")) angle = u / f * edge;
+  if (ends("cx_px") || ends("cy_px")) angle = u / f;
+  if (ends(".f") && axis) angle = u / std::abs(axis->f) * edge;
+  if (ends(".u0") && axis) angle = u / std::abs(axis->f);
+  if (ends("k1")) angle = u * std::pow(edge, 3);
+  if (ends("k2")) angle = u * std::pow(edge, 5);
+  if (ends("k3")) angle = u * std::pow(edge, 7);
+  if (ends("p1") || ends("p2")) angle = 3.0 * u * edge * edge;
+  if (ends("_rad")) angle = u;
+  return name.starts_with("proj_from_cam.translation") ? u : angle * distance;
+}
+
+/// Parameters by what they leave open at the edge, the most first, down to a tenth of it; focal lengths down to a
+/// millimetre, because a board turned otherwise is what they ask for.
+std::string open_words(const std::vector<std::string>& names, const Eigen::VectorXd& u, const Bundle& bundle) {
+  std::vector<std::pair<double, std::string>> sizes;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    sizes.emplace_back(at_the_edge_mm(names[i], u[static_cast<Eigen::Index>(i)], bundle), names[i]);
+  }
+  std::stable_sort(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.first > b.first; });
+  std::string words;
+  for (const auto& [mm, name] : sizes) {
+    const bool focal = name.ends_with("fx_px") || name.ends_with("fy_px") || name.ends_with(".f");
+    if (!(mm >= 0.1 * sizes.front().first || (focal && mm > 1.0))) continue;
+    words += fmt::format("{}{} ({:.2g} mm at the edge)", words.empty() ? "" : ", ", name, mm);
+  }
+  return words;
+}
+
 Unanswerable no_explanation() {
   return {
       "the joint solve found no camera and projector that explain the corners; look for a pose with a wrong board, a "
@@ -297,18 +335,14 @@ Result<SolveReport> Solver::report(const BundleSystem& system, BundleSystem::Pos
   const auto left = system.newton(0.0);
   out.newton_decrement = left ? std::sqrt(std::max(0.0, -system.slope(*left))) : HUGE_VAL;
   if (!(out.newton_decrement < 1e-3)) {  // eq. 3
-    // What is left is along what the poses hardly determine; the parameter that would still move most names it.
-    std::string open = "everything";
-    if (left) {
-      const auto n = static_cast<Eigen::Index>(system.names().size());
-      Eigen::Index most = 0;
-      left->shared.head(n).cwiseQuotient(posterior.shared.diagonal().head(n).cwiseSqrt()).cwiseAbs().maxCoeff(&most);
-      open = system.names()[static_cast<std::size_t>(most)];
-    }
+    // What is left is along what the poses hardly determine.
+    const auto n = static_cast<Eigen::Index>(system.names().size());
+    const Eigen::VectorXd u = posterior.shared.diagonal().head(n).cwiseMax(0.0).cwiseSqrt();
+    const std::string open = open_words(system.names(), u, bundle_);
     return unanswerable(
         fmt::format("the joint solve did not converge: {:.2g} standard uncertainties are left to go after {} "
-                    "iterations, most of it in {}, which the poses hardly determine; capture the board in more poses, "
-                    "tilted by 20 to 40 degrees about different axes",
+                    "iterations; the poses leave open {}; capture the board in more poses, tilted by 20 to 40 degrees "
+                    "about different axes",
                     out.newton_decrement, iterations_, open));
   }
   const int reported = system.reported();

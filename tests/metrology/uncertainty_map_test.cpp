@@ -97,12 +97,39 @@ TEST(IllPosed, TwoPosesAreRefused) {
 }
 
 TEST(IllPosed, ParallelBoardsAreRefusedAndTheFocalLengthNamed) {
-  const auto found = calibrated(test::parallel_views(test::known_scanner(), test::known_board(), 8, {}),
-                                calib::DistortionTerms::radial);
-  ASSERT_FALSE(found);
-  std::printf("parallel boards: %s\n", found.error().sentence.c_str());
-  // A focal length against its distance, of the camera or of the projector.
-  EXPECT_THAT(found.error().sentence, ::testing::ContainsRegex("fx_px|fy_px|projector.x.f"));
+  // With tangential terms too, whose p2 the views leave open as well: in mm at the edge f is what matters.
+  for (const auto terms :
+       {calib::DistortionTerms::radial, calib::DistortionTerms::radial_tangential, calib::DistortionTerms::automatic}) {
+    const auto found = calibrated(test::parallel_views(test::known_scanner(), test::known_board(), 8, {}), terms);
+    ASSERT_FALSE(found);
+    std::printf("parallel boards: %s\n", found.error().sentence.c_str());
+    // A focal length against its distance, of the camera or of the projector.
+    EXPECT_THAT(found.error().sentence, ::testing::ContainsRegex("fx_px|fy_px|projector.x.f"));
+  }
+}
+
+TEST(IllPosed, NearlyParallelBoardsNameTheFocalLengthFirst) {
+  // Turned by 1 degree about axes that go round.
+  const model::Scanner truth = test::known_scanner();
+  const Eigen::Vector3d middle = 0.5 * test::known_board().corner_mm(8, 6);
+  std::vector<model::BoardObservation> views;
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Quaterniond turn(Eigen::AngleAxisd(0.0175, Eigen::Vector3d(std::cos(2.4 * i), std::sin(2.4 * i), 0)));
+    const Eigen::Vector3d at(10.0 * i - 35, -5.0 * i + 18, 1077 + 30.0 * (i - 4));
+    views.push_back(test::view_at(truth, test::known_board(), {turn, at - turn * middle},
+                                  {.seed = 50 + static_cast<std::uint64_t>(i)}));
+  }
+  const auto found = calibrated(views);
+  ASSERT_TRUE(found) << found.error().sentence;
+  const auto map = uncertainty_map(*found, {.section_steps = 0});
+  ASSERT_TRUE(map);
+  std::printf("nearly parallel: %s", all_words(*map).c_str());
+  ASSERT_TRUE(map->combinations.front().open);
+  bool focal = false;
+  for (const auto& share : map->combinations.front().shares) {
+    focal = focal || share.parameter == "camera.fx_px" || share.parameter == "camera.fy_px";
+  }
+  EXPECT_TRUE(focal);
 }
 
 /// The board at a third of its size, always near one corner of the image.
