@@ -170,7 +170,7 @@ TEST_F(BadPoints, OfSeveralObjectsAreSaidToBeNoSphere) {
       return std::to_string(a) + " " + std::to_string(b) + " " + std::to_string(c) + "\n";
     };
     one += line(x, y, r * z);
-    two += line(0.6 * x + 150.0, 0.6 * y, 0.6 * r * z);
+    two += line(0.6 * x + 60.0, 0.6 * y, 0.6 * r * z);
   }
   const auto alone = fit("one.xyz", one), both = fit("both.xyz", one + two);
   EXPECT_EQ(alone.exit_code, 0);
