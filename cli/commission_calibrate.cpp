@@ -66,6 +66,8 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
         }
       } else {
         pose.set("reason", observation.error().sentence);
+        // Whoever holds the board shall know at once.
+        fmt::print(stderr, "{}: left out: {}\n", name, observation.error().sentence);
       }
       poses.append(pose);
     });
