@@ -4,6 +4,7 @@
 #include "core/fields.h"
 #include "core/file.h"
 #include "core/provenance.h"
+#include "metrology/acceptance.h"
 #include "metrology/artefact_file.h"
 
 #include <fmt/format.h>
@@ -17,7 +18,6 @@ namespace {
 
 using metrology::ArtefactKind;
 using metrology::Gauge;
-using metrology::GaugeKind;
 
 // The targets of this version on the virtual scanner; the paper's own figures stand beside them.
 constexpr double kVirtualErrorLimit_mm = 0.06, kVirtualFormLimit_mm = 0.06;
@@ -26,21 +26,6 @@ double positive(Fields& fields, const char* key) {
   const double value = fields.number(key);
   if (!(value > 0)) fields.complain(fmt::format("{} is {}; give a positive number", key, value));
   return value;
-}
-
-ArtefactKind kind_of(const Gauge& gauge, const Fields& scene) {
-  switch (gauge.kind) {
-    case GaugeKind::sphere:
-      return ArtefactKind::sphere;
-    case GaugeKind::cylinder:
-      return ArtefactKind::cylinder;
-    case GaugeKind::flat:
-      return ArtefactKind::plane;
-    default:
-      scene.complain(
-          fmt::format("'{}' is a {}; a commissioning measures spheres, cylinders and flats, verify the others",
-                      gauge.name, metrology::name_of(gauge.kind)));
-  }
 }
 
 Uncertain diameter_of(const Gauge& gauge, const metrology::Environment& environment) {
@@ -105,10 +90,13 @@ InstrumentSheet read_sheet(const fs::path& file, const PatternPlan& plan, const 
     }
     for (const std::string& name : f.texts("artefacts")) {
       const Gauge& gauge = metrology::gauge_named(gauges, name);
-      const ArtefactKind kind = kind_of(gauge, f);
-      const bool sized = kind != ArtefactKind::plane;
-      scene.artefacts.push_back({name, kind, sized ? gauge.diameter_mm.front() : 0});
-      if (sized) sheet.diameter_mm[name] = diameter_of(gauge, environment);
+      const auto parts = metrology::nominals_of(gauge);
+      if (parts.size() != 1) {
+        f.complain(fmt::format("'{}' is a {}; a commissioning measures spheres, cylinders and flats, verify the others",
+                               name, metrology::name_of(gauge.kind)));
+      }
+      scene.artefacts.push_back(parts.front());
+      if (parts.front().kind != ArtefactKind::plane) sheet.diameter_mm[name] = diameter_of(gauge, environment);
       if (metrology::is_expired(gauge, today)) sheet.expired.push_back(name);
     }
     f.finish();

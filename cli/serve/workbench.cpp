@@ -18,11 +18,6 @@ namespace fringecal::cli::serve {
 namespace fs = std::filesystem;
 namespace {
 
-bool there(const fs::path& file) {
-  std::error_code error;
-  return fs::exists(file, error);
-}
-
 /// When a file was written, RFC 3339 UTC.
 std::string date_of(const fs::path& file) {
   struct stat status {};
@@ -86,6 +81,11 @@ int captures_of(const metrology::Plan& plan) {
 constexpr int kScenes = 3, kPoses = 15;
 
 }  // namespace
+
+bool there(const fs::path& file) {
+  std::error_code error;
+  return fs::exists(file, error);
+}
 
 Workbench::Workbench(fs::path folder) : folder_(fs::absolute(folder).lexically_normal()) {
   if (!folder_.has_filename()) folder_ = folder_.parent_path();

@@ -20,6 +20,9 @@
 
 namespace fringecal::cli::serve {
 
+/// Whether there is such a file or folder; not where that cannot be found out.
+bool there(const std::filesystem::path& file);
+
 class Workbench {
  public:
   explicit Workbench(std::filesystem::path folder);

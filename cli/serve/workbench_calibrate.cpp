@@ -19,11 +19,6 @@ namespace {
 
 constexpr int kPictureWidth = 696, kSectionSteps = 25;
 
-bool there(const fs::path& file) {
-  std::error_code error;
-  return fs::exists(file, error);
-}
-
 void copy(const Value& from, Value& to, std::initializer_list<const char*> keys) {
   for (const char* key : keys) {
     if (const Value* value = from.find(key)) to.set(key, *value);

@@ -15,11 +15,6 @@ namespace fringecal::cli::serve {
 namespace fs = std::filesystem;
 namespace {
 
-bool there(const fs::path& file) {
-  std::error_code error;
-  return fs::exists(file, error);
-}
-
 Fields fields_of(const Value& request) { return {request, "the page's request"}; }
 
 /// Names of folders and files that a page may give: letters, digits, "._-", and no dot in front.

@@ -15,11 +15,6 @@ namespace fringecal::cli::serve {
 namespace fs = std::filesystem;
 namespace {
 
-bool there(const fs::path& file) {
-  std::error_code error;
-  return fs::exists(file, error);
-}
-
 /// x, y, z of one point after the other.
 Value flat(const std::vector<Eigen::Vector3d>& line) {
   Value out = Value::array();

@@ -1,7 +1,7 @@
 // `calibrate` on folders of the virtual scanner: Tsai's method and start, and the paper's parameters from a stepped board.
-#include "core/value.h"
 #include "hw/virtual/virtual_scanner.h"
 #include "tests/support/program.h"
+#include "tests/support/value_at.h"
 
 #include <gtest/gtest.h>
 
@@ -14,15 +14,6 @@ namespace fringecal::test {
 namespace {
 
 namespace fs = std::filesystem;
-
-double number_at(const Value& tree, std::initializer_list<const char*> path) {
-  const Value* v = &tree;
-  for (const char* key : path) {
-    v = v->find(key);
-    if (!v) throw std::runtime_error(std::string("no key ") + key);
-  }
-  return v->if_real() ? *v->if_real() : static_cast<double>(*v->if_integer());
-}
 
 /// Eight poses of the standard calibration and a board at four heights.
 class CalibrateCommand : public testing::Test {

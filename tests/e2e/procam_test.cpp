@@ -1,7 +1,7 @@
 // A real camera-projector pair, as its owner would calibrate it: five poses of a 9 x 7 chessboard of 75 mm, ten Gray
 // bits of the projector's vertical coordinate. Reference figures: data README (converged OpenCV solutions).
-#include "core/value.h"
 #include "tests/support/program.h"
+#include "tests/support/value_at.h"
 
 #include <gtest/gtest.h>
 
@@ -11,15 +11,6 @@ namespace fringecal::test {
 namespace {
 
 namespace fs = std::filesystem;
-
-double number_at(const Value& tree, std::initializer_list<const char*> path) {
-  const Value* v = &tree;
-  for (const char* key : path) {
-    v = v->find(key);
-    if (!v) throw std::runtime_error(std::string("no key ") + key);
-  }
-  return v->if_real() ? *v->if_real() : static_cast<double>(*v->if_integer());
-}
 
 class Procam : public testing::Test {
  protected:
