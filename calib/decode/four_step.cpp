@@ -99,7 +99,7 @@ struct Constants {
 /// |4 t| of the bits beside the pixel's stripe, for OrderRule::whole_stripe.
 template <class V>
 struct Beside {
-  V strongest, below, above;
+  V strongest, sum, below, above;
 };
 
 /// The |4 t| of the bit that toggles at `upper`, `none` where no bit does (gray.h, toggling_bit).
@@ -132,24 +132,28 @@ HWY_INLINE Order order_of_half_stripe(VF stripe, VF wrapped, float periods) {
 }
 
 /// gray.h, eqs. 5 and 6, from |4 t|.
-HWY_INLINE Order order_of_whole_stripe(VF stripe, VF wrapped, VF u_phi, VF sigma, const Beside<VF>& four) {
+HWY_INLINE Order order_of_whole_stripe(VF stripe, VF wrapped, VF u_phi, VF variance, int bits, const Beside<VF>& four) {
   const F d;
   constexpr float kPi = std::numbers::pi_v<float>;
   const VF quarter = hn::Set(d, 0.25f);
   const VF strongest = hn::Mul(quarter, four.strongest), below = hn::Mul(quarter, four.below),
            above = hn::Mul(quarter, four.above), size = hn::Abs(wrapped);
   const auto inner = hn::Le(size, hn::Set(d, kPi / 2));
-  const auto full = hn::Ge(hn::Min(below, above), hn::Mul(hn::Set(d, kSurelyAtThreshold), strongest));
+  const auto decided = hn::Ge(hn::Min(below, above), hn::Mul(hn::Set(d, kSurelyAtThreshold), strongest));  // (6)
   const auto upper_half = hn::Gt(wrapped, hn::Zero(d));
   const VF own = hn::IfThenElse(upper_half, above, below), neighbour = hn::IfThenElse(upper_half, below, above);
-  const auto at_wrap = hn::Lt(hn::Sub(hn::Set(d, kPi), size), hn::Mul(hn::Set(d, 3.0f), u_phi));
-  const VF clearly = hn::Mul(hn::IfThenElse(at_wrap, hn::Set(d, kClearlyAtWrap), hn::Set(d, kClearly)), sigma);
-  const auto small = hn::Lt(neighbour, hn::Mul(hn::Set(d, kNearThreshold), own));
-  const auto smaller =
-      hn::And(hn::Lt(neighbour, hn::Mul(hn::Set(d, kBelowFull), own)), hn::Gt(hn::Sub(own, neighbour), clearly));
-  const auto take = hn::And(hn::Gt(size, hn::Set(d, 3 * kPi / 4)), hn::Or(small, smaller));
+  const VF full = bits > 2 ? hn::Div(hn::Sub(hn::Sub(hn::Mul(quarter, four.sum), below), above),
+                                     hn::Set(d, static_cast<float>(bits - 2)))
+                           : strongest;
+  const VF s_t_squared = hn::Add(hn::Mul(hn::Set(d, 1.25f), variance),
+                                 hn::Mul(hn::Set(d, kLevelSpread * kLevelSpread), hn::Mul(full, full)));
+  const VF evidence = hn::Mul(hn::Sub(own, neighbour), hn::Sub(hn::Add(full, full), hn::Add(own, neighbour)));
+  const VF z = hn::Div(hn::Sub(hn::Set(d, kPi), size), u_phi);
+  const VF limit = hn::Min(hn::Set(d, 2 * kUnlikely), hn::Mul(z, hn::Add(z, hn::Set(d, 2.0f))));
+  const auto likely = hn::And(hn::Lt(neighbour, own), hn::Gt(evidence, hn::Mul(s_t_squared, limit)));
+  const auto take = hn::And(hn::Gt(size, hn::Set(d, 3 * kPi / 4)), likely);  // (5)
   const VF step = hn::IfThenElse(upper_half, hn::Set(d, -1.0f), hn::Set(d, 1.0f));
-  return {hn::Add(stripe, hn::IfThenElseZero(take, step)), hn::Or(hn::Not(inner), full)};
+  return {hn::Add(stripe, hn::IfThenElseZero(take, step)), hn::Or(hn::Not(inner), decided)};
 }
 
 /// Everything of one vector of integers from pixel `at`. kBits: of the code; 0: task.bits.
@@ -190,8 +194,11 @@ HWY_INLINE void decode_step(const FourStepTask& task, const Constants& k, std::s
       least = hn::IfThenElse(hn::Gt(from, hn::Set(d, T{3})), hn::Min(least, sizes[b]), least);  // (4)
     }
     if constexpr (kRule == OrderRule::whole_stripe) {
-      beside.strongest = sizes[0];
-      for (int b = 1; b < bits; ++b) beside.strongest = hn::Max(beside.strongest, sizes[b]);
+      beside.strongest = beside.sum = sizes[0];
+      for (int b = 1; b < bits; ++b) {
+        beside.strongest = hn::Max(beside.strongest, sizes[b]);
+        beside.sum = hn::Add(beside.sum, sizes[b]);
+      }
       beside.below = toggling(d, stripe, sizes, bits, beside.strongest);
       beside.above = toggling(d, hn::Add(stripe, hn::Set(d, T{1})), sizes, bits, beside.strongest);
     }
@@ -223,9 +230,9 @@ HWY_INLINE void decode_step(const FourStepTask& task, const Constants& k, std::s
       if constexpr (kRule == OrderRule::half_stripe) {
         order = order_of_half_stripe(as_float<p>(stripe), wrapped, k.periods);
       } else {
-        order = order_of_whole_stripe(
-            as_float<p>(stripe), wrapped, u_phi_of(), hn::Sqrt(variance),
-            {as_float<p>(beside.strongest), as_float<p>(beside.below), as_float<p>(beside.above)});
+        order = order_of_whole_stripe(as_float<p>(stripe), wrapped, u_phi_of(), variance, bits,
+                                      {as_float<p>(beside.strongest), as_float<p>(beside.sum),
+                                       as_float<p>(beside.below), as_float<p>(beside.above)});
       }
       m = order.m;
       const VF smallest = as_float<p>(least);

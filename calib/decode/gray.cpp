@@ -30,9 +30,11 @@ AxisFrames frames_of(const Capture& capture, CodeAxis axis) {
 FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, const WrappedPhase& phase) {
   constexpr float kPi = std::numbers::pi_v<float>;
   const std::int32_t s = row.stripe[x];
-  float strongest = 0;
+  float strongest = 0, sum = 0;
   for (int b = 0; b < bits; ++b) {
-    strongest = std::max(strongest, std::abs(row.t[static_cast<std::size_t>(b) * row.width + x]));
+    const float size = std::abs(row.t[static_cast<std::size_t>(b) * row.width + x]);
+    strongest = std::max(strongest, size);
+    sum += size;
   }
   // At an end of the pattern no bit toggles: as far from its threshold as can be.
   const auto distance = [&](std::int32_t upper) {
@@ -44,9 +46,11 @@ FringeNumber fringe_of_whole_stripe(const BitRow& row, std::size_t x, int bits, 
   if (size <= 3 * kPi / 4) return {.m = s, .consistent = true};
   const bool upper_half = phase.phi > 0;
   const float own = upper_half ? above : below, neighbour = upper_half ? below : above;
-  const float clearly = (kPi - size < 3 * phase.u_phi ? kClearlyAtWrap : kClearly) * phase.sigma;
-  const bool take_neighbour =
-      neighbour < kNearThreshold * own || (neighbour < kBelowFull * own && own - neighbour > clearly);
+  const float full = bits > 2 ? (sum - below - above) / static_cast<float>(bits - 2) : strongest;
+  const float variance = 1.25f * phase.sigma * phase.sigma + kLevelSpread * kLevelSpread * full * full;
+  const float evidence = (own - neighbour) * (2 * full - own - neighbour);  // 2 s_t^2 L
+  const float z = (kPi - size) / phase.u_phi;
+  const bool take_neighbour = neighbour < own && evidence > variance * std::min(2 * kUnlikely, z * (z + 2));  // (5)
   return {.m = take_neighbour ? (upper_half ? s - 1 : s + 1) : s, .consistent = true};
 }
 

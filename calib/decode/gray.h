@@ -15,17 +15,17 @@
 // out of place could give a wrong m without a flag. (4)
 //
 // Redundant, one stripe per period. Every period edge is a Gray edge. Where phi' > 0 the pixel is in the upper half of
-// its period: m = s, or s - 1 if the edge s - 1 | s came too early. If so, the bit that toggles there has only just
-// crossed its threshold, |t| is small; at the true upper end of s that edge is most of a period away, |t| is full, and
-// the small one is the bit on the pixel's own side. Mirrored for phi' < 0 with s + 1. So: within p / 8 of a period edge
-// (|phi'| > 3 pi / 4) the neighbour is taken if |t| on its side is below kNearThreshold of |t| on the own side, or
-// below kBelowFull of it and by kClearly sigma less. (5) The margins keep noise from deciding where edges are so sharp
-// that both bits are full. t_full >= (pi / 4) B, B being the fundamental of the square wave: the first condition then
-// fails by 0.5 B / sigma standard deviations (2 at B = 4 sigma, 4 at 8), the second by 3.5 (the difference of two
-// frames has sqrt(2) sigma). Within 3 u(phi') of the wrap the phase itself cannot tell the side, but there the bit of
-// the true edge is small for certain, and kClearlyAtWrap is enough. In the inner half of a period no bit may be near
-// its threshold: less than kSurelyAtThreshold of the strongest there means an edge more than p / 4 out of place,
-// inconsistent. (6)
+// its period: m = s, or s - 1 if the edge s - 1 | s came too early or noise carried its bit over. In the first case that
+// bit is full and the bit of the edge s | s + 1, the pixel's own, anything up to full; in the second the own bit is full
+// and the neighbour's near its threshold. With F the mean of |t| over the other bits and s_t their deviation,
+//   L = ((F - |t_neighbour|)^2 - (F - |t_own|)^2) / 2 s_t^2,   s_t^2 = 5/4 sigma^2 + (kLevelSpread F)^2
+// is the logarithm of the likelihood ratio of the second to the first. Mirrored for phi' < 0 with s + 1. Within p / 8 of a
+// period edge (|phi'| > 3 pi / 4) the neighbour is taken where |t_neighbour| < |t_own| and
+//   L > min(kUnlikely, z (z + 2) / 2),   z = (pi - |phi'|) / u(phi') (5)
+// The limit is the second case's improbability: next to the wrap the phase itself may be on the wrong side,
+// ln((1 - Q(z)) / Q(z)) with Q the normal tail, which z (z + 2) / 2 follows within a quarter of it for z > 0.5; further out
+// one bit in a thousand may be read wrongly. In the inner half of a period no bit may be near its threshold:
+// less than kSurelyAtThreshold of the strongest there means an edge more than p / 4 out of place, inconsistent. (6)
 //
 // Either way, and without phase patterns too: a bit may be undecided, |t_b| <= sigma, only where it toggles, within a
 // stripe and a half of the pixel. Undecided elsewhere (indirect light, a gloss) it may stand for any order:
@@ -41,10 +41,8 @@
 
 namespace fringecal::decode {
 
-constexpr float kNearThreshold = 0.3f;
-constexpr float kBelowFull = 0.7f;
-constexpr float kClearly = 5.0f;
-constexpr float kClearlyAtWrap = 2.5f;
+constexpr float kLevelSpread = 0.07f;  // of the full levels of the bits, relative: blur and lamp
+constexpr float kUnlikely = 7.0f;      // ln 1100
 constexpr float kSurelyAtThreshold = 0.15f;
 constexpr float kTurnsPerRadian = 0.5f * std::numbers::inv_pi_v<float>;
 

@@ -180,8 +180,8 @@ TEST(DecodePhase, RedundantMendsMisplacedGrayEdges) {
 }
 
 TEST(DecodePhase, RedundantWithOneStripePerPeriodUsesTheBitNearItsThreshold) {
-  // Blur over 0.2 p: t grows to full within 0.1 p of the edge. A displacement of 0.04 p puts every pixel that is on the
-  // wrong side within 0.04 p of a Gray edge, |t| <= 0.4 of full: nearer than kBelowFull, and by 36 grey levels.
+  // Blur over 0.2 p: t grows to full, 60 grey levels, within 0.1 p of the edge. A displacement of 0.04 p puts every pixel
+  // that is on the wrong side within 0.04 p of a Gray edge, |t| <= 24, and the own bit at 60 with s_t = 4.3: L >= 34.
   for (const double shift : {-0.04, 0.04}) {
     FringeScene s = scene_of(6, 4, 1);
     s.start = 0.5;
