@@ -1,5 +1,6 @@
 #include "cli/alignment_entry.h"
 
+#include "cli/records.h"
 #include "core/fields.h"
 
 #include <fmt/format.h>
@@ -35,7 +36,7 @@ metrology::InstrumentRecord record_of(const AlignmentEntry& entry, std::span<con
 }
 
 std::string append_words(const std::string& file, const metrology::InstrumentRecord& record) {
-  metrology::History history(file, metrology::History::Access::write);
+  metrology::History history = history_to_append(file);
   const auto number = metrology::append_once(history, record);
   return fmt::format("history: {} is entry {} of {}, hash {}\n", record.event, number, file,
                      history.entry(number).hash);

@@ -6,6 +6,7 @@
 #include "calib/stepped_board.h"
 #include "cli/calibrate_corners.h"
 #include "cli/commands.h"
+#include "cli/records.h"
 #include "cli/uncertainty.h"
 #include "core/error.h"
 #include "core/file.h"
@@ -255,7 +256,7 @@ void run(const Options& options) {
     for (const auto& folder : options.captures) infos.push_back(read_capture_info(folder));
     if (auto temperature = metrology::temperature_of(infos)) record.quantities.push_back(*temperature);
     record.provenance.inputs.emplace_back("scanner", sha256_of_file(options.output));
-    metrology::History history(options.history, metrology::History::Access::write);
+    metrology::History history = history_to_append(options.history);
     metrology::append_once(history, record);
   }
   if (!options.report.empty()) write_uncertainty_page(*scanner, options.report);

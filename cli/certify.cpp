@@ -133,7 +133,7 @@ void write(const CertifyArguments& arguments, const reports::Certificate& certif
   write_atomically(folder.working() / "data.zip", beside.data_zip);
   for (const auto& figure : beside.figures) write_atomically(folder.working() / figure.name, figure.bytes);
   if (!arguments.history.empty()) {
-    metrology::History(arguments.history, metrology::History::Access::write)
+    history_to_append(arguments.history)
         .append("certificate",
                 Value::object()
                     .set("schema", "fringecal.certificate")

@@ -141,6 +141,19 @@ std::vector<reports::PastResult> read_past(const std::string& file, const std::s
   return out;
 }
 
+metrology::History history_to_append(const std::string& file) {
+  metrology::History history(file, metrology::History::Access::write);
+  const std::string newest = history.newest_date(), now = utc_now();
+  if (newest > now) {
+    fmt::print(stderr,
+               "fringecal: warning: {}: its newest entry is of {}, but this machine's clock shows {}; set the clock, "
+               "as dates on "
+               "records and certificates, and whether artefacts' certificates have run out, go by it\n",
+               file, newest, now);
+  }
+  return history;
+}
+
 std::filesystem::path schema_in(const std::string& folder) {
   for (const char* place : {"v3.3.0/dcc.xsd", "dcc.xsd"}) {
     if (std::filesystem::exists(std::filesystem::path(folder) / place)) return std::filesystem::path(folder) / place;

@@ -1,6 +1,7 @@
 // Verification records for certificates and reports: from files, or by their numbers from a history.
 #pragma once
 
+#include "metrology/history.h"
 #include "reports/certificate.h"
 
 #include <filesystem>
@@ -24,6 +25,10 @@ void take_clouds_beside(std::vector<reports::Record>& records, const std::vector
 /// a unit.
 std::vector<reports::PastResult> read_past(const std::string& history, const std::string& scanner,
                                            const std::string& until);
+
+/// A history to append to. Where its newest entry is of a later time than this machine's clock shows, a warning on standard
+/// error: the clock was set back, and what is dated by it, and whether certificates have run out, cannot be relied on.
+metrology::History history_to_append(const std::string& file);
 
 /// dcc.xsd in a folder of PTB's schemas. Throws InputError.
 std::filesystem::path schema_in(const std::string& folder);

@@ -3,6 +3,7 @@
 #include "cli/commands.h"
 #include "cli/daily_check.h"
 #include "cli/progress.h"
+#include "cli/records.h"
 #include "cli/virtual_verification.h"
 #include "core/capture.h"
 #include "core/error.h"
@@ -351,8 +352,7 @@ void verify(const Options& o) {
   const Value record = metrology::to_value(v);
   write_atomically(folder / "verification.json", to_json(record));
   if (!o.history.empty()) {
-    const auto entry =
-        metrology::History(o.history, metrology::History::Access::write).append("verification", record, v.ended);
+    const auto entry = history_to_append(o.history).append("verification", record, v.ended);
     if (!o.json) fmt::print("history: entry {} of {}, hash {}\n\n", entry.number, o.history, entry.hash);
   }
   if (o.json) {

@@ -137,7 +137,7 @@ void read_notes(Fields& fields, CaptureInfo& info) {
 CaptureInfo read_capture_info(const fs::path& folder) {
   const fs::path file = folder / kFileName;
   std::error_code error;
-  if (!fs::exists(file, error)) {
+  if (!fs::exists(file, error) && !error) {
     throw InputError(
         fmt::format("{}: no capture here ({} is missing); give a capture folder, or make one from a folder "
                     "of images with 'fringecal import'",

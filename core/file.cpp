@@ -47,8 +47,11 @@ void make_folder(const fs::path& folder) {
 
 std::string read_bytes(const fs::path& file) {
   std::error_code error;
-  if (!fs::exists(file, error))
+  if (!fs::exists(file, error)) {
+    if (error)
+      throw InputError(fmt::format("{}: cannot be opened ({}); check its permissions", file.string(), error.message()));
     throw InputError(fmt::format("{}: there is no such file; check the path", file.string()));
+  }
   if (fs::is_directory(file, error)) {
     throw InputError(fmt::format("{}: this is a folder; a file is needed here", file.string()));
   }

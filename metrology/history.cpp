@@ -169,6 +169,11 @@ std::int64_t History::size() const {
   return state_->database.execAndGet("SELECT coalesce(max(number), 0) FROM entries").getInt64();
 }
 
+std::string History::newest_date() const {
+  SQLite::Statement row(state_->database, "SELECT date FROM entries ORDER BY number DESC LIMIT 1");
+  return row.executeStep() ? row.getColumn(0).getString() : std::string();
+}
+
 std::string History::head() const {
   SQLite::Statement row(state_->database, "SELECT hash FROM entries ORDER BY number DESC LIMIT 1");
   return row.executeStep() ? row.getColumn(0).getString() : kNoHash;

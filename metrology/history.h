@@ -68,6 +68,8 @@ class History {
   /// The entry of that number. Throws InputError with how many there are.
   HistoryEntry entry(std::int64_t number) const;
   std::int64_t size() const;
+  /// Date of the newest entry; empty when there is none.
+  std::string newest_date() const;
   /// The newest hash, eq. 1; h_0 when empty.
   std::string head() const;
 

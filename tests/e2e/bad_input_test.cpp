@@ -112,6 +112,39 @@ TEST_F(BadCapture, FullDisk) {
   expect_nothing_written();
 }
 
+TEST_F(BadCapture, AFolderThatMayNotBeWrittenTo) {
+  const fs::path closed = scratch_ / "closed";
+  fs::create_directory(closed);
+  fs::permissions(closed, fs::perms::owner_read | fs::perms::owner_exec);
+  const std::string in = (scratch_ / "in").string(), plan = (scratch_ / "plan.toml").string();
+  const std::string out = (closed / "out").string();
+  const std::vector<std::vector<std::string>> commands = {
+      {"import", in, "--plan", plan, "-o", out},
+      {"render", "--scene", "plane 0", "-o", out},
+      {"commission", "--virtual", "--in-process", "-o", out},
+  };
+  for (const auto& command : commands) {
+    expect_one_sentence(run_fringecal(command, 0, true), 3, {"closed/out", "Permission denied"});
+    EXPECT_TRUE(listing(closed).empty()) << command[0];
+  }
+  fs::permissions(closed, fs::perms::owner_all);
+}
+
+TEST_F(BadCapture, AFileAndAFolderThatMayNotBeRead) {
+  ASSERT_EQ(import().exit_code, 0);
+  const fs::path capture = scratch_ / "out", frame = capture / "capture.json";
+  const std::vector<std::string> decode = {"decode", capture.string(), "-o", (scratch_ / "maps").string()};
+  for (const fs::path& shut : {frame, capture}) {
+    const fs::perms before = fs::status(shut).permissions();
+    fs::permissions(shut, fs::perms::none);
+    const auto result = run_fringecal(decode, 0, true);
+    fs::permissions(shut, before);
+    expect_one_sentence(result, 2, {"out/capture.json", "Permission denied", "check its permissions"});
+    EXPECT_FALSE(fs::exists(scratch_ / "maps"));
+  }
+  EXPECT_EQ(run_fringecal(decode, 0, true).exit_code, 0);
+}
+
 TEST_F(BadCapture, AlteredFrameInAFinishedCapture) {
   ASSERT_EQ(import().exit_code, 0);
   for (const auto& entry : fs::directory_iterator(scratch_ / "out")) {

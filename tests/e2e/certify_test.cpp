@@ -284,9 +284,12 @@ TEST_F(Certify, NeedsNoNetwork) {
 TEST_F(Certify, FromAHistoryEntersItselfAndIsBoundToIt) {
   const std::string file = path("history.db");
   metrology::History(file, metrology::History::Access::write)
-      .append("verification", metrology::to_value(test::sample_verification()), "2026-11-20T11:00:00Z");
+      .append("verification", metrology::to_value(test::sample_verification()), "2026-11-22T09:00:00Z");
   const auto made = run_fringecal(certify({"1"}, "from-history", {"--history", file, "--language", "de"}));
   ASSERT_EQ(made.exit_code, 0) << made.errors;
+  // The entry is two hours later than the clock of this test: as if that had been set back since.
+  EXPECT_THAT(made.errors, HasSubstr("its newest entry is of 2026-11-22T09:00:00Z, but this machine's clock shows "
+                                     "2026-11-22T07:00:00Z; set the clock"));
   const auto twice = run_fringecal(certify({"1"}, "twice", {"--history", file}));
   EXPECT_EQ(twice.exit_code, 2);
   EXPECT_THAT(twice.errors, HasSubstr("was issued already"));

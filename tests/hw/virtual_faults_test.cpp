@@ -10,6 +10,8 @@
 #include <signal.h>
 
 #include <algorithm>
+#include <optional>
+#include <random>
 #include <thread>
 
 namespace {
@@ -110,6 +112,29 @@ TEST_F(VirtualFaults, CtrlCEndsACaptureSafelyAndTheSameCommandContinues) {
   ASSERT_EQ(again.exit_code, 0) << again.errors;
   EXPECT_EQ(number(again.output, "frames_resumed"), kept);
   EXPECT_EQ(number(again.output, "frames_taken"), 11 - kept);
+  EXPECT_TRUE(same_bytes(read_capture(scratch / "stack").frames, rendered("plane 0", 5)));
+}
+
+// A system call that waits with a limit of its own (poll, a socket's timeout) ends with EINTR when the process is stopped and
+// continued, handler or not (signal(7)): client and scanner, both, some hundred times in a stack of one second and more. A pause
+// is 1 to 9 ms, far below the watchdog of the PLC.
+TEST_F(VirtualFaults, InterruptedSystemCallsCostNoByte) {
+  RunningProgram scanner(serve("127.0.0.119", {"--scene", "plane 0", "--stack-seed", "5", "--motion", "60"}));
+  ASSERT_NE(scanner.line(), "");
+  RunningProgram client(capture("stack"));
+  std::mt19937 random(7);
+  std::uniform_int_distribution<int> pause(1, 9), between(1, 5);
+  int interrupted = 0;
+  std::optional<int> ended;
+  for (; interrupted < 4000 && !ended; ++interrupted) {
+    const RunningProgram& process = interrupted % 2 == 0 ? client : scanner;
+    process.send(SIGSTOP);
+    std::this_thread::sleep_for(std::chrono::milliseconds(pause(random)));
+    process.send(SIGCONT);
+    ended = client.wait(std::chrono::milliseconds(between(random)));
+  }
+  EXPECT_EQ(ended, 0);
+  EXPECT_GE(interrupted, 50);
   EXPECT_TRUE(same_bytes(read_capture(scratch / "stack").frames, rendered("plane 0", 5)));
 }
 

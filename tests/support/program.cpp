@@ -1,8 +1,10 @@
 #include "tests/support/program.h"
 
 #include <fcntl.h>
+#include <linux/capability.h>
 #include <poll.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -31,7 +33,8 @@ std::string contents(const fs::path& file) {
 
 }  // namespace
 
-ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size_t file_size_limit) {
+ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size_t file_size_limit,
+                            bool permissions_bind) {
   const ScratchFolder scratch;
   const fs::path output = scratch / "stdout", errors = scratch / "stderr";
   std::vector<char*> argv;
@@ -51,6 +54,10 @@ ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size
       signal(SIGXFSZ, SIG_IGN);  // write() then fails with EFBIG instead of ending the program
       const rlimit limit{file_size_limit, file_size_limit};
       setrlimit(RLIMIT_FSIZE, &limit);
+    }
+    if (permissions_bind && geteuid() == 0) {
+      prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE);
+      prctl(PR_CAPBSET_DROP, CAP_DAC_READ_SEARCH);
     }
     become(program, argv);
   }

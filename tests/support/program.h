@@ -17,8 +17,9 @@ struct ProgramResult {
 };
 
 /// Runs FRINGECAL_PROGRAM with the arguments. file_size_limit: bytes a single file may reach (RLIMIT_FSIZE), 0 for none
-/// - a write beyond it fails as on a full disk.
-ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size_t file_size_limit = 0);
+/// - a write beyond it fails as on a full disk. permissions_bind: those of files and folders hold for root as well.
+ProgramResult run_fringecal(const std::vector<std::string>& arguments, std::size_t file_size_limit = 0,
+                            bool permissions_bind = false);
 
 /// The program while it runs; ended by SIGKILL with the object at the latest.
 class RunningProgram {
