@@ -6,6 +6,7 @@
 #include "core/file.h"
 #include "hw/capture_sequence.h"
 #include "hw/open_plc.h"
+#include "hw/plc_map.h"
 #include "hw/scanner_file.h"
 #include "hw/virtual/direct_scanner.h"
 
@@ -103,9 +104,8 @@ Capture VirtualCommission::capture(const std::string& name, const std::string& s
   return read_capture(folder);
 }
 
-// The adjuster takes its turns as whole nanoradians (DT100).
 void VirtualCommission::turn_adjuster(double turn_mrad, Turned) {
-  turns_mrad_.push_back(1e-6 * std::round(1e6 * turn_mrad));
+  turns_mrad_.push_back(hw::register_turn_mrad(turn_mrad));
 }
 
 std::optional<Value> VirtualCommission::truth() const {

@@ -4,6 +4,7 @@
 #include "core/error.h"
 #include "core/file.h"
 #include "core/value.h"
+#include "hw/plc_map.h"
 
 #include <fcntl.h>
 #include <fmt/format.h>
@@ -126,8 +127,7 @@ VirtualVerification::VirtualVerification(const std::filesystem::path& folder)
   // The adjuster's turns, made again: the grating stands as the commissioning left it.
   for (const auto& reading : calib::read_record(folder_ / "alignment" / "record.json").readings) {
     if (reading.turn_before_rad == 0) continue;
-    instrument_.turn_adjuster(1e-6 * std::round(1e9 * reading.turn_before_rad),
-                              state_);  // whole nanoradians, as DT100 takes it
+    instrument_.turn_adjuster(hw::register_turn_mrad(1e3 * reading.turn_before_rad), state_);
   }
 }
 

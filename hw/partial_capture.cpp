@@ -231,4 +231,15 @@ void discard_partial_capture(const fs::path& folder) {
   fs::remove_all(partial, ignored);
 }
 
+int bits_of_partial_capture(const fs::path& partial) {
+  const fs::path file = partial / kStateFile;
+  const Value state = read_json(file);
+  const Value* identity = state.find("capture");
+  const Value* bits = identity ? identity->find("bits") : nullptr;
+  if (!bits || !bits->if_integer() || *bits->if_integer() < 1 || *bits->if_integer() > 16) {
+    throw InputError(fmt::format("{}: capture.bits is missing or not 1 to 16", file.string()));
+  }
+  return static_cast<int>(*bits->if_integer());
+}
+
 }  // namespace fringecal::hw

@@ -69,4 +69,7 @@ class PartialCapture {
 /// Removes what is left of an interrupted capture whose folder is complete, if anything is.
 void discard_partial_capture(const std::filesystem::path& folder);
 
+/// Significant bits of the frames in a folder NAME.partial. Throws InputError where its partial.json cannot be read.
+int bits_of_partial_capture(const std::filesystem::path& partial);
+
 }  // namespace fringecal::hw

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <string_view>
 
@@ -102,5 +103,8 @@ inline constexpr std::int32_t int32_from(std::uint16_t low, std::uint16_t high) 
 /// Scenes of the virtual scanner by number (DT110).
 inline constexpr std::array<std::string_view, 5> kSceneNames = {"alignment", "calibration", "plane", "spheres",
                                                                 "cylinder"};
+
+/// A turn of the adjuster as adjuster_turn (DT100) takes it: whole nanoradians.
+inline double register_turn_mrad(double turn_mrad) { return 1e-6 * std::round(1e6 * turn_mrad); }
 
 }  // namespace fringecal::hw

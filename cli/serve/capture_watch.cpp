@@ -3,8 +3,7 @@
 #include "cli/live_line.h"
 #include "core/error.h"
 #include "core/image_file.h"
-
-#include <algorithm>
+#include "hw/partial_capture.h"
 
 namespace fringecal::cli::serve {
 namespace fs = std::filesystem;
@@ -33,27 +32,21 @@ fs::path newest_frame(const fs::path& folder) {
   return frame;
 }
 
-/// Saturation of a frame whose file says 8 or 16 bits: 8, 12 or 16 of them are in use.
-int saturation_of(const GrayImage& frame) {
-  const auto* deep = std::get_if<Image16>(&frame);
-  if (!deep) return 255;
-  return *std::max_element(deep->values().begin(), deep->values().end()) > 4095 ? 65535 : 4095;
-}
-
 }  // namespace
 
 std::optional<std::string> CaptureWatch::next(int picture_px) {
   const fs::path file = newest_frame(folder_);
   if (file.empty() || file == last_) return std::nullopt;
+  const fs::path capture = file.parent_path();
   GrayImage frame;
+  int saturation = 0;
   try {
     frame = read_gray_image(file);
+    saturation = (1 << hw::bits_of_partial_capture(capture)) - 1;
   } catch (const InputError&) {  // the capture is finished, and has another name by now
     return std::nullopt;
   }
   last_ = file;
-  const int saturation = saturation_of(frame);
-  const fs::path capture = file.parent_path();
   Value line = to_value(hw::live_figures(frame, saturation));
   line.set("capture", (capture.parent_path().filename() / capture.stem()).string()).set("frame", file.stem().string());
   add_picture(line, frame, saturation, picture_px);
