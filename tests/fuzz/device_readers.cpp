@@ -118,7 +118,7 @@ Reader modbus_replies() {
     } catch (const hw::PlcFault&) {
     }
   };
-  return {"Modbus replies", {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
+  return {"modbus_replies", {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
 }
 
 Reader mewtocol_replies() {
@@ -156,7 +156,7 @@ Reader mewtocol_replies() {
     } catch (const hw::PlcFault&) {
     }
   };
-  return {"MEWTOCOL replies", {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
+  return {"mewtocol_replies", {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
 }
 
 /// A device whose next frame is given, packet by packet, and the client that has it open.
@@ -206,7 +206,7 @@ Reader gvsp_packets() {
     }
   };
   return {
-      "GVSP packets",
+      "gvsp_packets",
       {joined(GigeDevice::packets(0, HostileCamera::kWidth, HostileCamera::kHeight, HostileCamera::kPacketBytes), 2)},
       guarded,
       [camera](Bytes bytes) { camera->read(bytes, kSoundLimit); },
