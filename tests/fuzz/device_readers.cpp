@@ -8,6 +8,9 @@
 #include "hw/virtual/byte_server.h"
 #include "tests/support/gige_device.h"
 
+#include <fmt/format.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <array>
 #include <memory>
@@ -166,7 +169,7 @@ class HostileCamera {
 
   void read(Bytes bytes, std::chrono::milliseconds limit) {
     if (!device_) {
-      device_ = std::make_unique<GigeDevice>(kAddress, kWidth, kHeight, [this](int) {
+      device_ = std::make_unique<GigeDevice>(address_, kWidth, kHeight, [this](int) {
         const std::lock_guard lock(mutex_);
         return FrameFault{.instead = std::exchange(packets_, {})};
       });
@@ -187,8 +190,10 @@ class HostileCamera {
   }
 
  private:
-  static constexpr const char* kAddress = "127.0.0.92";
-  static hw::AravisCameraOptions options() { return {.address = kAddress, .packet_size_bytes = kPacketBytes}; }
+  hw::AravisCameraOptions options() const { return {.address = address_, .packet_size_bytes = kPacketBytes}; }
+
+  // All of 127.x.x.x is loopback: one of this process's own, as several may run at once.
+  std::string address_ = fmt::format("127.92.{}.{}", ::getpid() / 256 % 256, ::getpid() % 256);
 
   std::mutex mutex_;
   std::vector<std::string> packets_;
