@@ -17,6 +17,7 @@ namespace fringecal::calib {
 namespace {
 
 constexpr double kMmPerM = 1000.0;
+constexpr int kMostTerms = 100;      // of a matrix' side; OpenCV's longest list of distortions has 14
 constexpr double kMostPixels = 1e6;  // of an image side, far beyond any sensor
 
 [[noreturn]] void refuse(const std::filesystem::path& file, const std::string& sentence) {
@@ -151,9 +152,19 @@ PlacedCamera from_opencv(const std::filesystem::path& file, const std::string& b
     const cv::FileStorage storage(bytes, cv::FileStorage::READ | cv::FileStorage::MEMORY);
     const auto matrix_of = [&](const char* key) {
       cv::Mat m;
-      storage[key] >> m;
+      const cv::FileNode node = storage[key];
+      if (node.empty()) return m;
+      // OpenCV allocates what the file announces before it looks at the numbers.
+      const cv::FileNode rows = node["rows"], columns = node["cols"], type = node["dt"], data = node["data"];
+      const auto is_side = [](const cv::FileNode& n) {
+        return n.isInt() && static_cast<int>(n) >= 0 && static_cast<int>(n) <= kMostTerms;
+      };
+      if (!is_side(rows) || !is_side(columns) || !type.isString() || type.string().size() != 1 || !data.isSeq() ||
+          data.size() != static_cast<std::size_t>(static_cast<int>(rows) * static_cast<int>(columns))) {
+        refuse(file, fmt::format("'{}' must be a matrix of single numbers, as many as its rows and cols say", key));
+      }
+      if (data.size() > 0) node >> m;
       if (m.empty()) return m;
-      if (m.channels() != 1 || m.dims != 2) refuse(file, fmt::format("'{}' must be a matrix of single numbers", key));
       m.convertTo(m, CV_64F);
       return m;
     };

@@ -60,8 +60,8 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
         observations.push_back(std::move(*observation));
         const auto count = static_cast<int>(observations.size());
         if (count >= kSoFarFrom && count < kBoardPoses && count % kSoFarEvery == 0) {
-          const auto so_far = calib::calibrate(observations, board, capture.info.width_px, capture.info.height_px,
-                                               sheet.plan, options);
+          const auto so_far =
+              calib::calibrate(observations, board, capture.info.width_px, capture.info.height_px, sheet.plan, options);
           if (so_far) model::write_scanner(session.path(kSoFar), *so_far);
         }
       } else {

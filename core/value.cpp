@@ -76,6 +76,56 @@ int nesting(std::string_view json) {
   return deepest;
 }
 
+constexpr int kMostKeys = 10'000;  // of one object: each is looked for among those before it
+
+/// Counts the keys of every object while it is read.
+class KeyCount {
+ public:
+  explicit KeyCount(const std::string& name) : name_(name) {}
+  bool operator()(int depth, nlohmann::json::parse_event_t event, const nlohmann::ordered_json&) {
+    const auto level = static_cast<std::size_t>(depth);
+    if (counts_.size() <= level + 1) counts_.resize(level + 2);
+    if (event == nlohmann::json::parse_event_t::object_start) counts_[level + 1] = 0;
+    if (event == nlohmann::json::parse_event_t::key && ++counts_[level] > kMostKeys) {
+      throw InputError(fmt::format("{}: an object with more than {} keys; no file of ours has one", name_, kMostKeys));
+    }
+    return true;
+  }
+
+ private:
+  const std::string& name_;
+  std::vector<int> counts_;
+};
+
+constexpr int kMostDots = 8;  // in one key: each is a table in a table, to which toml++ sets no bound
+
+/// The most dots in one key or number, those in texts and comments not counted.
+int most_dots(std::string_view toml) {
+  int dots = 0, most = 0;
+  for (std::size_t k = 0; k < toml.size(); ++k) {
+    const char c = toml[k];
+    if (c == '#') {
+      k = std::min(toml.find('\n', k), toml.size());
+      dots = 0;
+    } else if (c == '"' || c == '\'') {
+      const std::string_view thrice = c == '"' ? R"(""")" : "'''";
+      const std::string_view end = toml.substr(k).starts_with(thrice) ? thrice : thrice.substr(0, 1);
+      for (k += end.size(); k < toml.size() && !toml.substr(k).starts_with(end); ++k) {
+        if (c == '"' && toml[k] == '\\') ++k;
+      }
+      k += end.size() - 1;
+      if (end.size() == 3) {  // up to two quotes more belong to the text
+        for (int more = 0; more < 2 && k + 1 < toml.size() && toml[k + 1] == c; ++more) ++k;
+      }
+    } else if (c == '.') {
+      most = std::max(most, ++dots);
+    } else if (std::string_view("\n,=[]{}").find(c) != std::string_view::npos) {
+      dots = 0;
+    }
+  }
+  return most;
+}
+
 bool is_plain(const Value& v) { return !v.if_array() && !v.if_object(); }
 
 void write(const Value& v, int depth, std::string& out) {
@@ -155,7 +205,7 @@ Value parse_json(std::string_view text, const std::string& name) {
     throw InputError(fmt::format("{}: nested deeper than {}; no file of ours is", name, kDeepest));
   }
   try {
-    return from(nlohmann::ordered_json::parse(text));
+    return from(nlohmann::ordered_json::parse(text, KeyCount(name)));
   } catch (const nlohmann::json::parse_error& e) {
     const std::size_t end = std::min(e.byte, text.size());
     const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
@@ -166,6 +216,9 @@ Value parse_json(std::string_view text, const std::string& name) {
 }
 
 Value parse_toml(std::string_view text, const std::string& name) {
+  if (most_dots(text) > kMostDots) {
+    throw InputError(fmt::format("{}: a key with more than {} dots; no file of ours has one", name, kMostDots));
+  }
   try {
     return from(toml::parse(text, std::string_view(name)));
   } catch (const toml::parse_error& e) {

@@ -2,6 +2,7 @@
 
 #include "core/error.h"
 #include "hw/gvcp.h"
+#include "hw/gvsp_filter.h"
 
 #include <arpa/inet.h>
 #include <arv.h>
@@ -293,6 +294,10 @@ void AravisCamera::Connection::start_stream() {
                kSocketBufferBytes, "packet-resend", ARV_GV_STREAM_PACKET_RESEND_ALWAYS, nullptr);
   const guint payload = arv_camera_get_payload(camera.get(), e);
   e.check();
+  const auto packet_bytes = static_cast<std::uint32_t>(arv_camera_gv_get_packet_size(camera.get(), e));
+  e.check();
+  // Where the system takes no filter, frames are received as well, and a hostile packet is not held back.
+  filter_stream(arv_gv_stream_get_port(ARV_GV_STREAM(stream.get())), payload, packet_bytes);
   for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream.get(), arv_buffer_new_allocate(payload));
   arv_camera_start_acquisition(camera.get(), e);
   e.check();

@@ -89,6 +89,7 @@ void ModbusPlc::reopen() {
   modbus_set_slave(link->context, address_.station);
   modbus_set_error_recovery(link->context, MODBUS_ERROR_RECOVERY_NONE);
   modbus_set_response_timeout(link->context, seconds, rest_us);
+  modbus_set_byte_timeout(link->context, seconds, rest_us);  // a telegram that stops halfway is late as well
   if (modbus_connect(link->context) != 0) {
     throw PlcLost(fmt::format("{}: opening the link failed: {}", name(), modbus_strerror(errno)));
   }

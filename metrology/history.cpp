@@ -72,6 +72,14 @@ std::string rebuilt(const std::vector<HistoryEntry>& entries) {
   return out;
 }
 
+[[noreturn]] void refuse(const std::filesystem::path& file, const SQLite::Exception& e) {
+  const int code = e.getErrorCode();
+  if (code == SQLITE_NOTADB || code == SQLITE_CORRUPT || code == SQLITE_ERROR) {
+    throw InputError(fmt::format("{}: not a history, or damaged: {}", file.string(), e.what()));
+  }
+  throw EnvironmentError(fmt::format("{}: {}", file.string(), e.what()));
+}
+
 }  // namespace
 
 std::string hash_of(const std::string& previous, const HistoryEntry& e) {
@@ -81,6 +89,16 @@ std::string hash_of(const std::string& previous, const HistoryEntry& e) {
 struct History::State {
   std::filesystem::path file;
   mutable SQLite::Database database;
+
+  /// A query of the file: damage that SQLite meets on its way is said as what it is.
+  template <class Query>
+  auto read(const Query& query) const {
+    try {
+      return query();
+    } catch (const SQLite::Exception& e) {
+      refuse(file, e);
+    }
+  }
 
   [[noreturn]] void complain(const std::exception& cause) const {
     throw EnvironmentError(fmt::format("{}: {}; nothing was appended", file.string(), cause.what()));
@@ -109,11 +127,13 @@ History::History(const std::filesystem::path& file, Access access, std::chrono::
       throw InputError(
           fmt::format("{}: history of version {}; this program knows up to {}", file.string(), version, kVersion));
     }
-  } catch (const SQLite::Exception& e) {
-    if (e.getErrorCode() == SQLITE_NOTADB || e.getErrorCode() == SQLITE_CORRUPT) {
-      throw InputError(fmt::format("{}: not a history, or damaged: {}", file.string(), e.what()));
+    // Under that name a view would be computed at every query, and could be one that never ends.
+    SQLite::Statement table(database, "SELECT sql FROM sqlite_schema WHERE name = 'entries'");
+    if (!table.executeStep() || !table.getColumn(0).getString().starts_with("CREATE TABLE")) {
+      throw InputError(fmt::format("{}: a history without its table of entries; restore the file", file.string()));
     }
-    throw EnvironmentError(fmt::format("{}: {}", file.string(), e.what()));
+  } catch (const SQLite::Exception& e) {
+    refuse(file, e);
   }
 }
 
@@ -134,39 +154,46 @@ HistoryEntry History::append(const std::string& kind, const Value& document, con
 }
 
 std::vector<HistoryEntry> History::entries(const std::optional<std::string>& kind, std::int64_t after) const {
-  std::vector<HistoryEntry> out;
-  SQLite::Statement rows(state_->database,
-                         std::string("SELECT number, date, kind, document, hash FROM entries WHERE number > ?") +
-                             (kind ? " AND kind = ?" : "") + " ORDER BY number");
-  rows.bind(1, after);
-  if (kind) rows.bind(2, *kind);
-  while (rows.executeStep()) out.push_back(read_entry(rows));
-  return out;
+  return state_->read([&] {
+    std::vector<HistoryEntry> out;
+    SQLite::Statement rows(state_->database,
+                           std::string("SELECT number, date, kind, document, hash FROM entries WHERE number > ?") +
+                               (kind ? " AND kind = ?" : "") + " ORDER BY number");
+    rows.bind(1, after);
+    if (kind) rows.bind(2, *kind);
+    while (rows.executeStep()) out.push_back(read_entry(rows));
+    return out;
+  });
 }
 
 void History::each(const std::function<void(const HistoryView&)>& visit, const std::optional<std::string>& kind) const {
-  SQLite::Statement rows(state_->database, std::string("SELECT number, date, kind, document, hash FROM entries") +
-                                               (kind ? " WHERE kind = ?" : "") + " ORDER BY number");
-  if (kind) rows.bind(1, *kind);
-  const auto text = [&rows](int column) {
-    const auto cell = rows.getColumn(column);
-    return std::string_view(cell.getText(), static_cast<std::size_t>(cell.getBytes()));
-  };
-  while (rows.executeStep()) visit({rows.getColumn(0).getInt64(), text(1), text(2), text(3), text(4)});
+  state_->read([&] {
+    SQLite::Statement rows(state_->database, std::string("SELECT number, date, kind, document, hash FROM entries") +
+                                                 (kind ? " WHERE kind = ?" : "") + " ORDER BY number");
+    if (kind) rows.bind(1, *kind);
+    const auto text = [&rows](int column) {
+      const auto cell = rows.getColumn(column);
+      return std::string_view(cell.getText(), static_cast<std::size_t>(cell.getBytes()));
+    };
+    while (rows.executeStep()) visit({rows.getColumn(0).getInt64(), text(1), text(2), text(3), text(4)});
+  });
 }
 
 HistoryEntry History::entry(std::int64_t number) const {
-  SQLite::Statement row(state_->database, "SELECT number, date, kind, document, hash FROM entries WHERE number = ?");
-  row.bind(1, number);
-  if (!row.executeStep()) {
-    throw InputError(
-        fmt::format("{}: there is no entry {}; the history has {}", state_->file.string(), number, size()));
-  }
-  return read_entry(row);
+  return state_->read([&] {
+    SQLite::Statement row(state_->database, "SELECT number, date, kind, document, hash FROM entries WHERE number = ?");
+    row.bind(1, number);
+    if (!row.executeStep()) {
+      throw InputError(
+          fmt::format("{}: there is no entry {}; the history has {}", state_->file.string(), number, size()));
+    }
+    return read_entry(row);
+  });
 }
 
 std::int64_t History::size() const {
-  return state_->database.execAndGet("SELECT coalesce(max(number), 0) FROM entries").getInt64();
+  return state_->read(
+      [&] { return state_->database.execAndGet("SELECT coalesce(max(number), 0) FROM entries").getInt64(); });
 }
 
 std::string History::newest_date() const {
@@ -175,8 +202,10 @@ std::string History::newest_date() const {
 }
 
 std::string History::head() const {
-  SQLite::Statement row(state_->database, "SELECT hash FROM entries ORDER BY number DESC LIMIT 1");
-  return row.executeStep() ? row.getColumn(0).getString() : kNoHash;
+  return state_->read([&]() -> std::string {
+    SQLite::Statement row(state_->database, "SELECT hash FROM entries ORDER BY number DESC LIMIT 1");
+    return row.executeStep() ? row.getColumn(0).getString() : kNoHash;
+  });
 }
 
 std::optional<HistoryFault> History::check(const std::optional<std::string>& expected_head) const {
@@ -227,6 +256,8 @@ std::optional<HistoryFault> History::check(const std::optional<std::string>& exp
     return std::nullopt;
   } catch (const SQLite::Exception& e) {
     return HistoryFault{{}, fmt::format("the file cannot be read: {}", e.what())};
+  } catch (const InputError& e) {
+    return HistoryFault{{}, e.what()};
   }
 }
 

@@ -59,6 +59,25 @@ TEST(Value, ADocumentNestedWithoutEndIsRefused) {
   const std::string deep = std::string(2'000'000, '[') + std::string(2'000'000, ']');
   EXPECT_THAT(message_of<InputError>([&] { parse_json(deep, "a.json"); }), HasSubstr("nested deeper than"));
   EXPECT_NO_THROW(parse_json("{\"words\": \"" + std::string(1000, '[') + "\\\"[\"}", "a.json"));
+
+  std::string keys;
+  for (int k = 0; k < 200'000; ++k) keys += "\"" + std::to_string(k) + "\": {\"a\": 1}, ";
+  EXPECT_THAT(message_of<InputError>([&] { parse_json("{" + keys + "\"a\": 1}", "a.json"); }),
+              HasSubstr("a.json: an object with more than 10000 keys"));
+  std::string objects;  // as many in all, few in each
+  for (int k = 0; k < 20'000; ++k) objects += "{\"a\": 1, \"b\": {\"c\": 2}}, ";
+  EXPECT_NO_THROW(parse_json("[" + objects + "1]", "a.json"));
+
+  std::string dots;
+  for (int k = 0; k < 100'000; ++k) dots += "a.";
+  // A table per dot; a text that ends in quotes of its own must not hide the key behind it.
+  for (const std::string& toml :
+       {"[" + dots + "a]\n", dots + "a = 1\n", "b = {" + dots + "a = 1}\n", "b = \"\"\"x\"\"\"\"\n[" + dots + "a]\n"}) {
+    EXPECT_THAT(message_of<InputError>([&] { parse_toml(toml, "a.toml"); }), HasSubstr("a.toml: a key with more than"));
+  }
+  EXPECT_NO_THROW(parse_toml("a = '" + dots + "'  # " + dots + "\nb = \"\\\"" + dots + "\"\nc = \"\"\"" + dots +
+                                 "\"\"\"\nd = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]\n",
+                             "a.toml"));
 }
 
 TEST(Fields, AnUnknownKeyIsRefusedByNameAndPlace) {

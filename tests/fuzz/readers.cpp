@@ -1,5 +1,6 @@
 #include "tests/fuzz/readers.h"
 
+#include "calib/corner_files.h"
 #include "calib/lens_files.h"
 #include "core/capture.h"
 #include "core/error.h"
@@ -11,12 +12,17 @@
 #include "hw/device_address.h"
 #include "hw/mewtocol.h"
 #include "hw/scanner_file.h"
+#include "hw/virtual/scene.h"
 #include "metrology/artefact_file.h"
+#include "metrology/history.h"
 #include "metrology/plan.h"
 #include "metrology/point_cloud.h"
+#include "metrology/verification.h"
 #include "reports/artefact_certificate.h"
 #include "reports/certificate.h"
+#include "tests/fuzz/device_readers.h"
 #include "tests/metrology/exact_phase_map.h"
+#include "tests/support/sample_verification.h"
 
 #include <fstream>
 #include <random>
@@ -39,14 +45,6 @@ Reader of_bytes(std::string name, std::vector<std::string> examples, std::functi
     }
   };
   return {std::move(name), std::move(examples), guarded, read};
-}
-
-/// The same of a file.
-Reader of_file(const Path& file, std::vector<std::string> examples, const std::function<void(const Path&)>& read) {
-  return of_bytes(file.filename(), std::move(examples), [=](Bytes bytes) {
-    std::ofstream(file, std::ios::binary | std::ios::trunc) << bytes;
-    read(file);
-  });
 }
 
 Capture small_capture() {
@@ -82,6 +80,16 @@ std::string gauge_text() {
   return metrology::to_toml({g});
 }
 
+/// Two entries, in a file of five pages.
+std::string history_bytes(const Path& file) {
+  {
+    metrology::History history(file, metrology::History::Access::write);
+    history.append("alignment", Value::object().set("theta_mrad", Value(0.25)), "2026-01-01T00:00:00Z");
+    history.append("verification", Value::object(), "2026-01-02T00:00:00Z");
+  }
+  return read_bytes(file);
+}
+
 std::string bmp() {
   std::string out = "BM";
   const auto put = [&](std::uint32_t value, int bytes) {
@@ -104,6 +112,13 @@ constexpr const char* kDcc =
 </dcc:data></dcc:result></dcc:results></dcc:measurementResult></dcc:measurementResults></dcc:digitalCalibrationCertificate>)";
 
 }  // namespace
+
+Reader of_file(const Path& file, std::vector<std::string> examples, const std::function<void(const Path&)>& read) {
+  return of_bytes(file.filename(), std::move(examples), [=](Bytes bytes) {
+    std::ofstream(file, std::ios::binary | std::ios::trunc) << bytes;
+    read(file);
+  });
+}
 
 std::vector<Reader> readers(const Path& folder) {
   std::vector<Reader> out;
@@ -138,6 +153,31 @@ std::vector<Reader> readers(const Path& folder) {
                         [](const Path& file) { reports::read_laboratory(file); }));
   out.push_back(of_file(folder / "customer.toml", {text_of("reports/examples/customer.toml")},
                         [](const Path& file) { reports::read_customer(file); }));
+
+  out.push_back(of_file(folder / "verification.json", {to_json(metrology::to_value(sample_verification()))},
+                        [](const Path& file) { metrology::read_verification(file); }));
+  out.push_back(of_file(folder / "history.db", {history_bytes(folder / "example.db")}, [](const Path& file) {
+    const metrology::History history(file, metrology::History::Access::read);
+    history.head();
+    history.each([](const metrology::HistoryView&) {});
+    history.check();
+  }));
+  out.push_back(of_file(folder / "board.toml",
+                        {"kind = \"chessboard\"\ncolumns = 3\nrows = 3\npitch_mm = 10.0\nu_print_mm = 0.01\n"},
+                        [](const Path& file) { model::read_board(file); }));
+  out.push_back(of_file(folder / "corners.vnl",
+                        {"# filename x y level\na.png 1.5 2.5 0\na.png 2 3 0\na.png - - -\na.png 4 5 1\n"
+                         "a.png 5 6 -\na.png 6.25 7 0\nempty.png - - -\n"},
+                        [](const Path& file) {
+                          const std::vector<Eigen::Vector2d> places(6, Eigen::Vector2d::Zero());
+                          calib::read_corners(std::vector{file}, places);
+                        }));
+  out.push_back(of_file(folder / "corners.txt", {"1 2  3 4 # two\n5 6\n"},
+                        [](const Path& file) { calib::read_places(file, 1.0); }));
+  out.push_back(of_file(folder / "scene.toml",
+                        {"[[objects]]\nname = \"a\"\nkind = \"sphere\"\nposition_mm = [0, 0, 50]\n"
+                         "rotation_deg = [0, 0, 0]\ndiameter_mm = 50\n"},
+                        [](const Path& file) { virt::read_scene(file); }));
 
   metrology::PointCloud cloud;
   for (int i = 0; i < 4; ++i) cloud.points.push_back({.position_mm = {1.0 * i, 2.5, -3}, .u_along_ray_mm = 0.01});
@@ -185,6 +225,8 @@ std::vector<Reader> readers(const Path& folder) {
                          [](Bytes bytes) { parse_json(bytes, "json"); }));
   out.push_back(of_bytes("TOML", {"a = 1\nb = [1.5, 2]\n[c]\nd = 'x'\n[[e]]\nf = 2026-01-01\n"},
                          [](Bytes bytes) { parse_toml(bytes, "toml"); }));
+  const std::vector<Reader> of_devices = device_readers();
+  out.insert(out.end(), of_devices.begin(), of_devices.end());
   return out;
 }
 

@@ -16,7 +16,12 @@ struct Reader {
   std::function<void(std::string_view bytes)> read;
   /// The same without the catch.
   std::function<void(std::string_view bytes)> read_sound;
+  bool is_device = false;  // a reading takes tens of milliseconds: time limits of a link pass
 };
+
+/// Of a file that is written anew for each piece; its name is the reader's.
+Reader of_file(const std::filesystem::path& file, std::vector<std::string> examples,
+               const std::function<void(const std::filesystem::path&)>& read);
 
 /// folder: for readers that take a file, not bytes.
 std::vector<Reader> readers(const std::filesystem::path& folder);

@@ -122,6 +122,23 @@ TEST(AravisCameraFaults, AFrameSentTwiceIsHandedOverOnce) {
 
 // The count is one ahead of the camera's after that: the frame of trigger 2 looks like a late one of trigger 1 and is
 // thrown away rather than believed; then the count is taken anew with one trigger, number 3.
+// Aravis 0.8.26 reads the kind and number of a packet that ends before them from the packet before, and takes a length of
+// 3 - 8 bytes as unsigned: it writes outside of the frame. It also takes a data packet with the trailer's number for the trailer, and the
+// frame for complete.
+TEST(AravisCameraFaults, AHostilePacketIsNotReceivedAndTheNextFrameIsGood) {
+  const std::vector<std::string> sound = GigeDevice::packets(1, kWidth, kHeight, 8192);
+  const std::vector<std::string> shorter = {sound[0], sound[1], std::string("\0\0\x2C", 3)};
+  std::vector<std::string> beyond = sound;
+  beyond.back()[4] = 3;
+  GigeDevice device("127.0.0.93", kWidth, kHeight, [&](int t) {
+    return t == 1 ? FrameFault{.instead = shorter} : t == 2 ? FrameFault{.instead = beyond} : FrameFault{};
+  });
+  AravisCamera camera({.address = "127.0.0.93"});
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  EXPECT_THROW(camera.take_frame(kLimit), hw::FrameLost);
+  EXPECT_TRUE(shows(camera.take_frame(kLimit), 3));
+}
+
 TEST(AravisCameraFaults, ATriggerThatTheCameraIgnoredLeadsToANewCountAndNoWrongFrame) {
   GigeDevice device = device_with("127.0.0.88", 1, {.trigger_ignored = true});
   AravisCamera camera({.address = "127.0.0.88"});

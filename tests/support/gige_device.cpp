@@ -15,6 +15,7 @@
 #include <span>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace fringecal::test {
@@ -87,35 +88,18 @@ struct GigeDevice::State {
     if (fault.answers_nothing) deaf = true;
     if (fault.trigger_ignored) return;
     block = block == 65535 ? 1 : static_cast<std::uint16_t>(block + 1);
-    const Image8 image = picture(number, width, height);
     Frame frame;
-    const auto begin = [&](int type) {
-      Bytes p;
-      put(p, 0, 2);
-      put(p, block, 2);
-      put(p, static_cast<std::uint64_t>(type), 1);
-      put(p, frame.packets.size(), 3);
-      return p;
-    };
-    Bytes leader = begin(1);
-    put(leader, 1, 4);  // an image
-    put(leader, static_cast<std::uint64_t>(number) * 1'000'000, 8);
-    put(leader, ARV_PIXEL_FORMAT_MONO_8, 4);
-    put(leader, static_cast<std::uint64_t>(width), 4);
-    put(leader, static_cast<std::uint64_t>(height), 4);
-    put(leader, 0, 8);
-    put(leader, 0, 4);
-    frame.packets.push_back(leader);
-    const std::size_t step = (reg(kPacketSize) & 0xFFFF) - kHeaderBytes;
-    for (std::size_t at = 0; at < image.size(); at += step) {
-      Bytes p = begin(3);
-      p.insert(p.end(), image.data() + at, image.data() + std::min(image.size(), at + step));
-      frame.packets.push_back(p);
+    const int packet_bytes = static_cast<int>(reg(kPacketSize) & 0xFFFF);
+    for (std::string& p : fault.instead.empty() ? GigeDevice::packets(number, width, height, packet_bytes)
+                                                : std::exchange(fault.instead, {})) {
+      Bytes packet(p.begin(), p.end());
+      if (packet.size() >= 4) {
+        const std::uint32_t id = get(packet, 2, 2) + block;
+        packet[2] = static_cast<std::uint8_t>(id >> 8);
+        packet[3] = static_cast<std::uint8_t>(id);
+      }
+      frame.packets.push_back(std::move(packet));
     }
-    Bytes trailer = begin(2);
-    put(trailer, 1, 4);
-    put(trailer, static_cast<std::uint64_t>(height), 4);
-    frame.packets.push_back(trailer);
     packets = static_cast<int>(frame.packets.size());
     frame.fault = fault;
     frames[block] = std::move(frame);
@@ -245,6 +229,37 @@ Image8 GigeDevice::picture(int trigger, int width_px, int height_px) {
   for (int y = 0; y < height_px; ++y) {
     for (int x = 0; x < width_px; ++x) out(x, y) = static_cast<std::uint8_t>(x * 7 + y * 13 + trigger * 101);
   }
+  return out;
+}
+
+std::vector<std::string> GigeDevice::packets(int trigger, int width_px, int height_px, int packet_bytes) {
+  const Image8 image = picture(trigger, width_px, height_px);
+  std::vector<std::string> out;
+  const auto add = [&](std::uint64_t type, const Bytes& body) {
+    Bytes p;
+    put(p, 0, 4);  // status and block id
+    put(p, type, 1);
+    put(p, out.size(), 3);
+    p.insert(p.end(), body.begin(), body.end());
+    out.emplace_back(p.begin(), p.end());
+  };
+  Bytes leader;
+  put(leader, 1, 4);  // an image
+  put(leader, static_cast<std::uint64_t>(trigger) * 1'000'000, 8);
+  put(leader, ARV_PIXEL_FORMAT_MONO_8, 4);
+  put(leader, static_cast<std::uint64_t>(width_px), 4);
+  put(leader, static_cast<std::uint64_t>(height_px), 4);
+  put(leader, 0, 8);
+  put(leader, 0, 4);
+  add(1, leader);
+  const auto step = static_cast<std::size_t>(packet_bytes - kHeaderBytes);
+  for (std::size_t at = 0; at < image.size(); at += step) {
+    add(3, Bytes(image.data() + at, image.data() + std::min(image.size(), at + step)));
+  }
+  Bytes trailer;
+  put(trailer, 1, 4);
+  put(trailer, static_cast<std::uint64_t>(height_px), 4);
+  add(2, trailer);
   return out;
 }
 

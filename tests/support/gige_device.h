@@ -10,6 +10,7 @@
 #include <memory>
 #include <set>
 #include <string>
+#include <vector>
 
 namespace fringecal::test {
 
@@ -21,6 +22,8 @@ struct FrameFault {
   bool sent_twice = false;
   bool trigger_ignored = false;  // no frame at all, and none counted
   bool answers_nothing = false;  // the device is deaf from this trigger on
+  // Sent in place of the frame's packets where there are any; the id of the frame is added to the block id in each.
+  std::vector<std::string> instead = {};
 };
 
 class GigeDevice {
@@ -32,6 +35,8 @@ class GigeDevice {
 
   /// The picture of a trigger; triggers are counted from 0.
   static Image8 picture(int trigger, int width_px, int height_px);
+  /// The packets of its frame, block id 0. packet_bytes: with the headers of IP and UDP, as clients set it.
+  static std::vector<std::string> packets(int trigger, int width_px, int height_px, int packet_bytes);
   int triggers() const;
   /// Packets in a frame, leader and trailer included, at the packet size that the client has set.
   int packets_per_frame() const;
