@@ -153,7 +153,7 @@ void write(const FitArguments& arguments, const char* rejection, const Result<Fi
                q.n_used, q.n_used + q.n_rejected, arguments.file, rejection, rows.table);
     fmt::print("  {:<20}{:.6g}   standard deviation {}   distances {:.6g} to {:.6g}\n", "rms / mm", q.rms_mm,
                std::isfinite(q.standard_deviation_mm) ? fmt::format("{:.6g}", q.standard_deviation_mm) : "unknown",
-               q.min_mm, q.max_mm);
+               *q.min_mm, *q.max_mm);
     if (form)
       fmt::print("  {:<20}range {:.6g}   {} {:.6g}\n", "form / mm", form->range_mm, rows.form_name, form->shell_95_mm);
     if (zone)
@@ -167,7 +167,7 @@ void write(const FitArguments& arguments, const char* rejection, const Result<Fi
   out.set("unit", arguments.unit == LengthUnit::m ? "m" : "mm").set("rejection", rejection);
   for (const auto& [key, value] : *rows.json.if_object()) out.set(key, value);
   out.set("rms_mm", q.rms_mm).set("standard_deviation_mm", number_or_null(q.standard_deviation_mm));
-  out.set("min_mm", q.min_mm).set("max_mm", q.max_mm);
+  out.set("min_mm", *q.min_mm).set("max_mm", *q.max_mm);
   if (form) out.set("range_mm", form->range_mm).set("shell_95_mm", form->shell_95_mm);
   if (zone) out.set("minimum_zone_mm", (*zone)->width_mm).set("minimum_zone_lower_mm", (*zone)->lower_mm);
   out.set("n_used", q.n_used).set("n_rejected", q.n_rejected).set("iterations", q.iterations);

@@ -12,6 +12,7 @@
 //   convex(s), with_curvature(s, k), beside_origin(s)   the same surface described for a descent; another radius
 //   propose(sample, random)       a surface through few points of a sample
 //   is_round(points, surface)     whether the points show the surface's curvature at all
+// and the plane minimum_of(points), its minimum without another look at the points.
 #pragma once
 
 #include "fitting/huge_pages.h"
@@ -79,7 +80,7 @@ struct Consensus {
 template <class Shape>
 std::optional<Consensus<typename Shape::Surface>> quick_consensus(const CentredPoints& points) {
   using Surface = typename Shape::Surface;
-  constexpr std::size_t kPoints = 1000, kFewest = 100, kFew = 2 * Surface::kParameters + 4;
+  constexpr std::size_t kPoints = 400, kFewest = 100, kFew = 2 * Surface::kParameters + 4;
   constexpr int kTries = 10, kRounds = 20;
   constexpr double kShare = 0.75;
   constexpr double kTail = 3.2;     // of the quantiles 0.9 and 0.5 of |d|: 2.44 for a normal distribution
@@ -95,17 +96,26 @@ std::optional<Consensus<typename Shape::Surface>> quick_consensus(const CentredP
     UsedBits used = all;
     Distances d;
     double sigma = 0.0;
+    FramedPoints kept = as_they_are(sample);
     for (int round = 0; surface && round < kRounds; ++round) {
-      d = distances<Surface>(sample, *surface);
+      d.resize(sample.size());
+      lean_normal_equations(*surface, as_they_are(sample), d.data(), KernelSumsWanted::all_but_matrix);
       sigma = 1.4826 * median_size(d, all);
       UsedBits next = within(d, 2.5 * sigma);
       if (next == used) break;
       used = std::move(next);
-      FramedPoints kept = as_they_are(sample);
       kept.weights.used = used.data();
       kept.n = static_cast<double>(count_used(used));
-      const auto minimum = gauss_newton(*surface, kept, {.max_iterations = 4, .enough = 1e-6});
-      if (minimum) surface = Shape::convex(minimum->surface);
+      if (round == 0) {
+        const auto minimum = gauss_newton(*surface, kept, {.max_iterations = 4, .enough = 1e-3});
+        if (minimum) surface = Shape::convex(minimum->surface);
+        continue;
+      }
+      // Near by now: a step for each set.
+      const auto at = lean_normal_equations(*surface, kept, nullptr, KernelSumsWanted::all);
+      const auto newton = newton_step<Surface::kParameters>(at, false);
+      if (!newton) break;
+      surface = Shape::convex(surface->moved(newton->x));
     }
     if (!surface) continue;
     std::vector<double> sizes;
@@ -118,9 +128,9 @@ std::optional<Consensus<typename Shape::Surface>> quick_consensus(const CentredP
     if (static_cast<double>(sizes.size()) < kShare * static_cast<double>(sample.size())) continue;
     std::sort(sizes.begin(), sizes.end());
     if (!(sizes[sizes.size() * 9 / 10] <= kTail * sizes[sizes.size() / 2])) continue;
-    const CentredPoints kept = centred(near, {}, near.size());
-    const double size2 = kept.axes.values[Surface::kParameters > 3 ? 0 : 1] / kept.framed.n;
-    if (!(sigma <= kScatter * kept.framed.scale_mm * std::sqrt(size2))) continue;
+    const CentredPoints centre = centred(near, {}, near.size());
+    const double size2 = centre.axes.values[Surface::kParameters > 3 ? 0 : 1] / centre.framed.n;
+    if (!(sigma <= kScatter * centre.framed.scale_mm * std::sqrt(size2))) continue;
     return Consensus<Surface>{surface_in_mm(*surface, points.framed), 3.5 * sigma * points.framed.scale_mm};
   }
   return std::nullopt;
@@ -286,6 +296,9 @@ Result<Minimum<typename Shape::Surface>> solve(const CentredPoints& points, cons
     const auto there = gauss_newton(start, as_they_are(sample), {.max_iterations = 5, .enough = 1e-7});
     return there ? there->surface : start;
   };
+  if constexpr (M == 3) {
+    if (!distances_mm && descent.start_is_close) return minimum_in_mm(Shape::minimum_of(points), framed);
+  }
   tl::expected<Minimum<Surface>, Descent> minimum = tl::unexpected(Descent::singular);
   // A plane starts at its minimum: the axes.
   if (start_mm && M > 3) minimum = descend(surface_in_frame(*start_mm, framed));
@@ -311,7 +324,6 @@ template <class Shape>
 Result<Associated<typename Shape::Surface>> associate(Points points_mm, const FitOptions& options) {
   using Surface = typename Shape::Surface;
   constexpr int kRounds = 60;    // of rejection; 3 to 10 are usual
-  constexpr int kSettling = 20;  // within a round
   constexpr int kReweights = 8;  // the weights depend on the normals alone, which hardly move
   const int m = Surface::kParameters - (options.fixed_diameter_mm && Surface::kParameters > 3 ? 1 : 0);
   const std::size_t n = points_mm.size();
@@ -326,8 +338,14 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
   const double rounding_mm = 16.0 * points.rounding * points.framed.scale_mm;
   Associated<Surface> out;
   FitQuality& quality = out.quality;
-  quality.distances_mm.resize(n);
-  prefer_huge_pages(quality.distances_mm.data(), n * sizeof(double));
+  // Rejection goes by the distances, weights leave F to them.
+  const bool with_distances =
+      options.distances == DistancesWanted::all || options.rejection != Rejection::none || has_covariances;
+  if (with_distances) {
+    quality.distances_mm.resize(n);
+    prefer_huge_pages(quality.distances_mm.data(), n * sizeof(double));
+  }
+  double* const distances_mm = with_distances ? quality.distances_mm.data() : nullptr;
   UsedBits used, before;  // empty: all; none
   NormalWeights weights;
   std::optional<Surface> start;
@@ -337,11 +355,11 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
     const std::size_t n_used = used.empty() ? n : count_used(used);
     if (many) {
       if (others) points = centred_by_sample(points_mm, of, n_used);
-      if (auto quick = quick_solve<Shape>(points, start, quality.distances_mm.data())) return *quick;
+      if (auto quick = quick_solve<Shape>(points, start, distances_mm)) return *quick;
     }
     if (many || others) points = centred(points_mm, of, n_used);
     if (!points.finite) return unanswerable(why_not_finite(points_mm));
-    return solve<Shape>(points, options, start, quality.distances_mm.data());
+    return solve<Shape>(points, options, start, distances_mm);
   };
   const bool robust = options.rejection == Rejection::robust;
   if (robust) {
@@ -351,8 +369,8 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
       start = found->surface;
       FramedPoints all = points.framed;
       all.weights = {};
-      const auto sums = lean_normal_equations(surface_in_frame(*start, all), all, quality.distances_mm.data(),
-                                              KernelSumsWanted::all_but_matrix);
+      const auto sums =
+          lean_normal_equations(surface_in_frame(*start, all), all, distances_mm, KernelSumsWanted::all_but_matrix);
       const double farthest_mm = std::max(sums.largest, -sums.smallest);
       if (!(std::isfinite(sums.f) && farthest_mm < 1e100)) return unanswerable(why_not_finite(points_mm));
       used = within(quality.distances_mm, found->tolerance_mm);
@@ -404,21 +422,19 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
       if (used.empty()) used = all_used(n);
       UsedBits next = options.rejection == Rejection::vdi_2634
                           ? within_three_deviations(quality.distances_mm, quality.standard_deviation_mm)
-                          : within_robust_deviation(quality.distances_mm, used, rounding_mm);
+                          : settled_within_robust_deviation(quality.distances_mm, used, rounding_mm);
       if (next != used && next != before && !(robust && is_settled(used, next))) {
-        // Eq. 2 settles on these distances first: a descent costs more than a median.
-        for (int settling = 0; robust && settling < kSettling; ++settling) {
-          UsedBits after = within_robust_deviation(quality.distances_mm, next, rounding_mm);
-          if (after == next) break;
-          next = std::move(after);
-        }
         before = std::move(used);
         used = std::move(next);
         continue;
       }
     }
-    quality.max_mm = minimum->largest_mm;
-    quality.min_mm = minimum->smallest_mm;
+    if (options.distances == DistancesWanted::all) {
+      quality.max_mm = minimum->largest_mm;
+      quality.min_mm = minimum->smallest_mm;
+    } else {
+      quality.distances_mm = {};
+    }
     quality.rejected.assign(n, false);
     for (std::size_t byte = 0; byte < used.size(); ++byte) {
       for (unsigned left = used[byte] ^ 0xffu; left != 0; left &= left - 1) {

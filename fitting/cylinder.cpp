@@ -301,8 +301,11 @@ struct CylinderShape {
   }
 
   static std::optional<CylinderSurface> rough_start(Points points) {
-    const CentredPoints centre = centred(points, {}, points.size());
-    const auto minimum = quick_minimum(points, centre, std::nullopt, 0.01 * centre.plane_f());
+    constexpr std::size_t kPoints = 200;
+    Random random(11);
+    const std::vector<Eigen::Vector3d> some = spread_sample(points, {}, kPoints, random);
+    const CentredPoints centre = centred(some, {}, some.size());
+    const auto minimum = quick_minimum(some, centre, std::nullopt, 0.01 * centre.plane_f());
     if (!minimum) return std::nullopt;
     return minimum->surface;
   }

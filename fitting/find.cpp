@@ -14,11 +14,8 @@ namespace {
 
 using Cloud = std::vector<Eigen::Vector3d>;
 
-/// Without the distances, which nobody reads here.
 Result<AnyShape> fit_as(ShapeKind kind, const Cloud& points) {
-  auto fit = fit_any(kind, points, {.rejection = Rejection::robust});
-  if (fit) fit->quality.distances_mm = {};
-  return fit;
+  return fit_any(kind, points, {.rejection = Rejection::robust, .distances = DistancesWanted::none});
 }
 
 Cloud chosen(Points points, const std::vector<std::size_t>& index) {

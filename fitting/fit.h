@@ -20,7 +20,7 @@
 // Fewer points than parameters, points that are not finite, or points that do not determine the shape: no result, one
 // sentence why. Nor where two different cylinders fit few points equally well.
 // Any offset, scale and number of points (tried: 3 to 1e7); memory beyond the points is 8 bytes a point, for the
-// distances, and as much again while points are rejected. The same points give the same bytes whatever the number of
+// distances where they are wanted, and as much again while points are rejected. The same points give the same bytes whatever the number of
 // threads and the width of the processor's vectors.
 #pragma once
 
@@ -49,8 +49,13 @@ enum class Rejection {
   robust,
 };
 
+/// Whether the distance of every point is wanted, or the surface with its uncertainties alone: then a plane's points are
+/// read once, its scatter comes from their moments (good to 1e-8 of itself), and no memory is needed.
+enum class DistancesWanted { all, none };
+
 struct FitOptions {
   Rejection rejection = Rejection::none;
+  DistancesWanted distances = DistancesWanted::all;
   int max_iterations = 100;  // Gauss-Newton; well-posed data need 4 to 8
   /// Sphere and cylinder: the diameter is known and held. Absent: fitted.
   std::optional<double> fixed_diameter_mm = std::nullopt;
@@ -83,10 +88,11 @@ struct FitQuality {
   double standard_deviation_mm = 0;  // sqrt(F / (n - m)): the form standard deviation of the paper's section 4
   /// sqrt(F / (n - m)) with the weights of eq. 6: one where the covariances describe the scatter.
   std::optional<double> scatter_over_expected;
-  double max_mm = 0, min_mm = 0;  // largest and smallest signed distance
+  /// Largest and smallest signed distance of a point used. Absent with DistancesWanted::none.
+  std::optional<double> max_mm, min_mm;
   std::size_t n_used = 0, n_rejected = 0;
   int iterations = 0;
-  Distances distances_mm;      // of every point given, rejected ones included, as ordered
+  Distances distances_mm;      // of every point given, rejected ones included, as ordered; empty where none are wanted
   std::vector<bool> rejected;  // as ordered
 };
 

@@ -240,11 +240,12 @@ double narrowest_interval(std::span<const double> values, double share) {
 }
 
 FormDeviation form_of(const FitQuality& quality) {
+  require(quality.max_mm && quality.min_mm, "the form is taken of a fit with its distances");
   std::vector<double> used;
   for (std::size_t i = 0; i < quality.distances_mm.size(); ++i) {
     if (!quality.rejected[i]) used.push_back(quality.distances_mm[i]);
   }
-  return {quality.max_mm - quality.min_mm, narrowest_interval(used, 0.95), quality.standard_deviation_mm};
+  return {*quality.max_mm - *quality.min_mm, narrowest_interval(used, 0.95), quality.standard_deviation_mm};
 }
 
 Result<MinimumZone> flatness(Points points_mm) {

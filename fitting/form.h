@@ -29,7 +29,7 @@ struct FormDeviation {
   double range_mm = 0, shell_95_mm = 0, standard_deviation_mm = 0;  // eq. 1
 };
 
-/// Of the points used by a fit of a surface (plane, sphere, cylinder).
+/// Of the points used by a fit of a surface (plane, sphere, cylinder) with its distances.
 FormDeviation form_of(const FitQuality& quality);
 
 /// The narrowest interval that holds the share (0..1] of the values; at least one value.

@@ -23,6 +23,7 @@ using V = hn::Vec<D>;
 constexpr int rows_of(KernelKind kind) {
   switch (kind) {
     case KernelKind::moments:
+    case KernelKind::moments_mm:
       return 0;
     case KernelKind::plane:
       return 3;
@@ -38,9 +39,10 @@ constexpr int rows_of(KernelKind kind) {
 constexpr bool is_about_centre(KernelKind kind) {
   return kind == KernelKind::sphere_centre || kind == KernelKind::cylinder_axis;
 }
+constexpr bool is_moments(KernelKind kind) { return rows_of(kind) == 0; }
 constexpr int sums_of(KernelKind kind) {
   const int of_rows = rows_of(kind) * (rows_of(kind) + 3) / 2 + 1;
-  return kind == KernelKind::moments ? 9 : kind == KernelKind::cylinder_axis ? of_rows + 1 : of_rows;
+  return is_moments(kind) ? 9 : kind == KernelKind::cylinder_axis ? of_rows + 1 : of_rows;
 }
 
 /// A task's constants in vectors.
@@ -135,15 +137,17 @@ HWY_INLINE V add(const Frame& f, const double* HWY_RESTRICT p, V w, V* HWY_RESTR
   hn::LoadInterleaved3(t, p, px, py, pz);
   V x, y, z;
   V tx = hn::Sub(px, f.ox), ty = hn::Sub(py, f.oy), tz = hn::Sub(pz, f.oz);  // eq. 1
-  if constexpr (!is_about_centre(kKind)) {
+  if constexpr (!is_about_centre(kKind) && kKind != KernelKind::moments_mm) {
     tx = hn::Mul(tx, f.unit);
     ty = hn::Mul(ty, f.unit);
     tz = hn::Mul(tz, f.unit);
   }
-  tx = hn::Sub(tx, f.ax);
-  ty = hn::Sub(ty, f.ay);
-  tz = hn::Sub(tz, f.az);
-  if constexpr (kKind == KernelKind::sphere_centre) {
+  if constexpr (kKind != KernelKind::moments_mm) {
+    tx = hn::Sub(tx, f.ax);
+    ty = hn::Sub(ty, f.ay);
+    tz = hn::Sub(tz, f.az);
+  }
+  if constexpr (kKind == KernelKind::sphere_centre || kKind == KernelKind::moments_mm) {
     x = tx;
     y = ty;
     z = tz;
@@ -153,16 +157,17 @@ HWY_INLINE V add(const Frame& f, const double* HWY_RESTRICT p, V w, V* HWY_RESTR
     z = hn::Add(hn::Add(hn::Mul(f.e[6], tx), hn::Mul(f.e[7], ty)), hn::Mul(f.e[8], tz));
   }
   const auto weighted = [&](V v) { return kWeighted ? hn::Mul(w, v) : v; };
-  const auto extend = [&](V low, V high) {
+  const auto extend = [&](V out) {
+    V high = out, low = out;
     if constexpr (kWeighted) {
       const auto counts = hn::Gt(w, hn::Zero(t));
-      high = hn::IfThenElse(counts, high, *largest);
-      low = hn::IfThenElse(counts, low, *smallest);
+      high = hn::IfThenElse(counts, out, *largest);
+      low = hn::IfThenElse(counts, out, *smallest);
     }
     *largest = hn::Max(*largest, high);
-    *smallest = hn::Min(*smallest, low);
+    if constexpr (!is_moments(kKind)) *smallest = hn::Min(*smallest, low);
   };
-  if constexpr (kKind == KernelKind::moments) {
+  if constexpr (is_moments(kKind)) {
     const V wx = weighted(x), wy = weighted(y), wz = weighted(z);
     sums[0] = hn::Add(sums[0], wx);
     sums[1] = hn::Add(sums[1], wy);
@@ -174,7 +179,7 @@ HWY_INLINE V add(const Frame& f, const double* HWY_RESTRICT p, V w, V* HWY_RESTR
     sums[7] = hn::Add(sums[7], hn::Mul(wy, z));
     sums[8] = hn::Add(sums[8], hn::Mul(wz, z));
     const V size = hn::Max(hn::Abs(x), hn::Max(hn::Abs(y), hn::Abs(z)));
-    extend(size, size);
+    extend(size);
     return size;
   } else {
     constexpr int kRows = rows_of(kKind);
@@ -192,7 +197,7 @@ HWY_INLINE V add(const Frame& f, const double* HWY_RESTRICT p, V w, V* HWY_RESTR
     to_d[kRows] = hn::Add(to_d[kRows], hn::Mul(weighted(d), d));
     if constexpr (kKind == KernelKind::cylinder_axis) to_d[kRows + 1] = hn::Add(to_d[kRows + 1], weighted(z));
     const V out = is_about_centre(kKind) ? d : hn::Mul(d, f.out_unit);
-    extend(out, out);
+    extend(out);
     return out;
   }
 }
@@ -224,7 +229,7 @@ void add_block(const KernelTask& task, const Frame& f, std::size_t first, std::s
     for (std::size_t i = first + part; i < first + count; i += kLanes) {
       if constexpr (kWeighted) w = weights_at(task.weights, i);
       const V out = add<kKind, kWeighted, kMatrix>(f, task.points_mm[i].data(), w, sums, &largest, &smallest);
-      if (task.distances) hn::StoreU(out, t, task.distances + i);
+      if (!is_moments(kKind) && task.distances) hn::StoreU(out, t, task.distances + i);
     }
 #pragma GCC unroll 22
     for (int s = 0; s < kSums; ++s) hn::Store(sums[s], t, lanes[s] + part);
@@ -271,7 +276,7 @@ void add_range_of(const KernelTask& task, std::size_t first, std::size_t count, 
   last.weights = {nullptr, weights};
   last.distances = task.distances ? distances : nullptr;
   add_block<kKind, true, kMatrix>(last, f, 0, kLanes, total);
-  if (task.distances) std::copy_n(distances, count - whole, task.distances + first + whole);
+  if (!is_moments(kKind) && task.distances) std::copy_n(distances, count - whole, task.distances + first + whole);
 }
 
 template <KernelKind kKind>
@@ -284,6 +289,8 @@ void add_range(const KernelTask& task, std::size_t first, std::size_t count, Ker
   switch (task.kind) {
     case KernelKind::moments:
       return add_range_of<KernelKind::moments, true>(task, first, count, total);
+    case KernelKind::moments_mm:
+      return add_range_of<KernelKind::moments_mm, true>(task, first, count, total);
     case KernelKind::plane:
       return add_range_with<KernelKind::plane>(task, first, count, total);
     case KernelKind::sphere:

@@ -4,7 +4,7 @@
 // the origin come first, so that data far away lose no digit that their coordinates have.            (1)
 // Sums of the surface's row J (surface.h, eq. 1) and distance d, weight w (one where none is given):
 //   jtj = sum w J J^T (lower triangle, column by column),  jtd = sum w J d,  f = sum w d^2             (2)
-// Moments: sum w u, sum w u u^T (xx, yx, zx, yy, zy, zz).                                              (3)
+// Moments: sum w u, sum w u u^T (xx, yx, zx, yy, zy, zz); those in mm: of u = p - origin, half the work.  (3)
 // About the centre, for radii that are not long against the points: v = p - origin - anchor in mm (cylinder: v =
 // axes^T (p - origin - anchor), the third component z along the axis), s = |v| across the axis, n = v / s, d = s - radius,
 //   sphere J = (n, 1),  cylinder J = (n1, n2, z n1, z n2, 1)                                           (4)
@@ -23,7 +23,7 @@
 
 namespace fringecal::fitting {
 
-enum class KernelKind { moments, plane, sphere, cylinder, sphere_centre, cylinder_axis };
+enum class KernelKind { moments, moments_mm, plane, sphere, cylinder, sphere_centre, cylinder_axis };
 
 /// Which of the sums (2); the matrix is most of the work where there is little else.
 enum class KernelSumsWanted { all, all_but_matrix };

@@ -86,27 +86,22 @@ CentredPoints centred(Points points_mm, const PointWeights& weights, std::size_t
   const auto some = [&](std::size_t i) -> const Eigen::Vector3d& { return points_mm[i * points_mm.size() / few]; };
   for (std::size_t i = 0; i < few; ++i) near += (some(i) - points_mm[0]) / static_cast<double>(few);
   near += points_mm[0];
-  double reach = 0.0;
-  for (std::size_t i = 0; i < few; ++i) reach = std::max(reach, (some(i) - near).cwiseAbs().maxCoeff());
-  if (!(reach > kSmallest)) reach = near.cwiseAbs().maxCoeff();  // the few coincide
-  if (!(reach > kSmallest)) reach = 1.0;
-  if (!near.allFinite() || !(reach < 1e101)) return out;
-  KernelTask task{KernelKind::moments, points_mm, weights, near, 1.0 / reach};
+  if (!near.allFinite() || !(near.cwiseAbs().maxCoeff() <= 1e100)) return out;
+  KernelTask task{KernelKind::moments_mm, points_mm, weights, near};
   const Moments rough = moments_of(task, n);
-  out.finite = rough.mean.allFinite() && rough.scatter.allFinite() &&
-               near.cwiseAbs().maxCoeff() + rough.largest * reach <= 1e100;
+  const double farthest_mm = near.cwiseAbs().maxCoeff() + rough.largest;
+  out.finite = rough.mean.allFinite() && rough.scatter.allFinite() && farthest_mm <= 1e100;
   if (!out.finite) return out;
-  out.framed.origin_mm = near + reach * rough.mean;
-  const double f = std::max(0.0, rough.scatter.trace());
-  const double unit = std::sqrt(f / n);  // of the frame, in reaches
-  out.framed.scale_mm = unit * reach > kSmallest ? unit * reach : 1.0;
-  out.rounding = std::numeric_limits<double>::epsilon() *
-                 ((near.cwiseAbs().maxCoeff() + rough.largest * reach) / out.framed.scale_mm + 1.0);
-  out.axes = symmetric_eigen<3>(unit * reach > kSmallest ? Eigen::Matrix3d(rough.scatter / (unit * unit))
-                                                         : Eigen::Matrix3d::Zero());
+  out.framed.origin_mm = near + rough.mean;
+  const double rms_mm = std::sqrt(std::max(0.0, rough.scatter.trace()) / n);
+  out.framed.scale_mm = rms_mm > kSmallest ? rms_mm : 1.0;
+  out.rounding = std::numeric_limits<double>::epsilon() * (farthest_mm / out.framed.scale_mm + 1.0);
+  out.axes = symmetric_eigen<3>(rms_mm > kSmallest ? Eigen::Matrix3d(rough.scatter / (rms_mm * rms_mm))
+                                                   : Eigen::Matrix3d::Zero());
   // An eigenvalue is good to eps of the largest one, so a thickness only to 1e-8 of the size; along the axes it is
   // exact. 1e-8: a thickness good to four digits.
   if (!(out.axes.values[0] > 1e-8 * out.axes.values[2])) {
+    task.kind = KernelKind::moments;
     task.origin_mm = out.framed.origin_mm;
     task.inverse_scale = 1.0 / out.framed.scale_mm;
     task.axes = out.axes.vectors;

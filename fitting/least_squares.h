@@ -289,13 +289,14 @@ std::optional<Minimum<Surface>> quick_descent(Surface surface, const FramedPoint
   for (int pass = 1; pass <= kPasses; ++pass) {
     if (!(length2 <= kNear2 * n)) return std::nullopt;
     surface = surface.moved(step);
-    double* const write = length2 < kFirstIsLast2 * n ? distances_mm : nullptr;
-    const auto there = lean_normal_equations(surface, points, write, KernelSumsWanted::all_but_matrix);
+    const bool may_be_last = length2 < kFirstIsLast2 * n;
+    const auto there =
+        lean_normal_equations(surface, points, may_be_last ? distances_mm : nullptr, KernelSumsWanted::all_but_matrix);
     step = -(newton->inverse * there.jtd);
     const double next2 = -step.dot(there.jtd);
     if (!(there.f <= (1.0 + kRounding) * f + kResolved2 * n && next2 <= std::max(kRate * length2, kResolved2 * n)))
       return std::nullopt;
-    if (write && next2 < kBlind2 * n && next2 * std::min(1.0, next2 / length2) < kResolved2 * n) {
+    if (may_be_last && next2 < kBlind2 * n && next2 * std::min(1.0, next2 / length2) < kResolved2 * n) {
       return Minimum<Surface>{surface.moved(step), newton->inverse, there.f,        pass,
                               there.largest,       there.smallest,  there.along / n};
     }

@@ -39,6 +39,11 @@ struct PlaneShape {
     out.axes.col(1) = out.axes.col(2).cross(out.axes.col(0));
     return out;
   }
+  /// The anchor is the centroid and the axes are principal, so that J^T J is diagonal.
+  static Minimum<PlaneSurface> minimum_of(const CentredPoints& points) {
+    const Eigen::Vector3d squares(points.framed.n, points.axes.values[2], points.axes.values[1]);
+    return {*start(points, 0, {}), squares.cwiseInverse().asDiagonal(), points.axes.values[0]};
+  }
   static std::optional<PlaneSurface> rough_start(Points points) {
     const CentredPoints centre = centred(points, {}, points.size());
     return surface_in_mm(*start(centre, points.size(), {}), centre.framed);
@@ -81,7 +86,10 @@ Result<PlaneFit> fit_plane(Points points_mm, const FitOptions& options) {
   out.quality = std::move(found->quality);
   if (out.normal.dot(plane.axes.col(2)) < 0.0) {
     for (double& d : out.quality.distances_mm) d = -d;
-    out.quality.max_mm = -std::exchange(out.quality.min_mm, -out.quality.max_mm);
+    std::swap(out.quality.max_mm, out.quality.min_mm);
+    for (auto* limit : {&out.quality.max_mm, &out.quality.min_mm}) {
+      if (*limit) **limit = -**limit;
+    }
   }
   return out;
 }

@@ -11,6 +11,7 @@
 #include <cstring>
 #include <limits>
 #include <numeric>
+#include <optional>
 
 namespace fringecal::fitting {
 
@@ -23,6 +24,7 @@ std::uint64_t Random::next() {
 
 std::vector<Eigen::Vector3d> spread_sample(Points points, const PointWeights& weights, std::size_t count,
                                            Random& random) {
+  constexpr std::size_t kAhead = 24;  // places asked of the memory before they are needed: it has some 100 ns to answer
   std::vector<Eigen::Vector3d> out;
   const std::size_t n = points.size();
   out.reserve(std::min(n, count));
@@ -33,10 +35,18 @@ std::vector<Eigen::Vector3d> spread_sample(Points points, const PointWeights& we
     }
     return out;
   }
+  struct Stretch {
+    std::size_t start, end;
+  };
+  std::vector<Stretch> stretches(count);
+  for (std::size_t c = 0, first = 0; c < count; ++c) {
+    const std::size_t end = (c + 1) * n / count;
+    stretches[c] = {first + random.below(end - first), end};
+    first = end;
+  }
   for (std::size_t c = 0; c < count; ++c) {
-    const std::size_t first = c * n / count, last = (c + 1) * n / count;
-    const std::size_t start = first + random.below(last - first);
-    for (std::size_t i = start; i < last; ++i) {
+    if (c + kAhead < count) __builtin_prefetch(&points[stretches[c + kAhead].start]);
+    for (std::size_t i = stretches[c].start; i < stretches[c].end; ++i) {
       if (!is_free(i)) continue;
       out.push_back(points[i]);
       break;
@@ -122,43 +132,93 @@ bool is_settled(const UsedBits& now, const UsedBits& next) {
 
 UsedBits within(std::span<const double> distances_mm, double limit_mm) { return marked_within(distances_mm, limit_mm); }
 
+namespace {
+
+constexpr double kLimit = 3.5 * 1.4826;  // eq. 2, in medians
+
+/// The median of |d| over the points used, if it lies between low and high; absent where it does not.
+std::optional<double> median_between(std::span<const double> distances_mm, const UsedBits& used, std::size_t n_used,
+                                     double low, double high) {
+  SizesBetween found = sizes_between(distances_mm, used, low, high);
+  if (found.below > n_used / 2 || n_used / 2 - found.below >= found.sizes.size()) return std::nullopt;
+  const auto middle = found.sizes.begin() + static_cast<std::ptrdiff_t>(n_used / 2 - found.below);
+  std::nth_element(found.sizes.begin(), middle, found.sizes.end());
+  return *middle;
+}
+
+}  // namespace
+
 double median_size(std::span<const double> distances_mm, const UsedBits& used) {
-  constexpr std::size_t kFew = 2000, kLeast = 1024, kMost = 16384;
+  constexpr std::size_t kFew = 2000, kLeast = 1024, kMost = 8192;
+  constexpr double kAll = std::numeric_limits<double>::max();
   const std::size_t n = count_used(used);
   require(n > 0, "a median is taken of some points");
-  double low = 0.0, high = std::numeric_limits<double>::max();
   if (n > kFew) {
     // One pass: what lies below an interval that holds the median, by a sample, is counted and what lies in it
-    // collected. Five standard deviations of the sample's quantile on either side.
+    // collected. Three standard deviations of the sample's quantile on either side.
     std::vector<double> some;
     const std::size_t step = distances_mm.size() / std::clamp(distances_mm.size() / 16, kLeast, kMost);
+    some.reserve(distances_mm.size() / step + 1);
     for (std::size_t i = 0; i < distances_mm.size(); i += step) {
       if (is_used(used, i)) some.push_back(std::abs(distances_mm[i]));
     }
     const auto m = static_cast<std::ptrdiff_t>(some.size());
-    const auto reach = static_cast<std::ptrdiff_t>(2.5 * std::sqrt(static_cast<double>(m)));
-    const auto quantile = [&](std::ptrdiff_t rank) {
-      std::nth_element(some.begin(), some.begin() + rank, some.end());
-      return some[static_cast<std::size_t>(rank)];
-    };
-    if (m / 2 > reach) low = quantile(m / 2 - reach);
-    if (m / 2 + reach < m) high = quantile(m / 2 + reach);
-  }
-  for (;;) {
-    SizesBetween found = sizes_between(distances_mm, used, low, high);
-    if (found.below <= n / 2 && n / 2 - found.below < found.sizes.size()) {
-      const auto middle = found.sizes.begin() + static_cast<std::ptrdiff_t>(n / 2 - found.below);
-      std::nth_element(found.sizes.begin(), middle, found.sizes.end());
-      return *middle;
+    const auto reach = static_cast<std::ptrdiff_t>(1.5 * std::sqrt(static_cast<double>(m)));
+    if (m / 2 > reach && m / 2 + reach < m) {
+      const auto at_low = some.begin() + (m / 2 - reach), at_high = some.begin() + (m / 2 + reach);
+      std::nth_element(some.begin(), at_low, some.end());
+      const double low = *at_low;
+      std::nth_element(at_low, at_high, some.end());
+      if (const auto median = median_between(distances_mm, used, n, low, *at_high)) return *median;
     }
-    require(low > 0.0 || high < std::numeric_limits<double>::max(), "distances are numbers");
-    low = 0.0;  // a sample that misleads: all of them
-    high = std::numeric_limits<double>::max();
   }
+  const auto median = median_between(distances_mm, used, n, 0.0, kAll);
+  require(median.has_value(), "distances are numbers");
+  return *median;
 }
 
 UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm) {
-  return within(distances_mm, std::max(3.5 * 1.4826 * median_size(distances_mm, used), rounding_mm));  // eq. 2
+  return within(distances_mm, std::max(kLimit * median_size(distances_mm, used), rounding_mm));  // eq. 2
+}
+
+UsedBits settled_within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used,
+                                         double rounding_mm) {
+  constexpr int kRounds = 20;
+  constexpr double kAround = 0.02;
+  const auto limit_of = [&](double median) { return std::max(kLimit * median, rounding_mm); };
+  const double median = median_size(distances_mm, used);
+  const double first_limit = limit_of(median);
+  double limit = first_limit;
+  // What is within a limit depends on the limit alone, so its median is a rank among all sizes: those near the first
+  // median and near the first limit answer for all that follow.
+  const UsedBits all = all_used(distances_mm.size());
+  SizesBetween middle = sizes_between(distances_mm, all, (1.0 - kAround) * median, (1.0 + kAround) * median);
+  SizesBetween outer = sizes_between(distances_mm, all, (1.0 - kAround) * limit, (1.0 + kAround) * limit);
+  std::sort(outer.sizes.begin(), outer.sizes.end());
+  const auto count_within = [&](double size) {
+    const auto end = std::upper_bound(outer.sizes.begin(), outer.sizes.end(), size);
+    return outer.below + static_cast<std::size_t>(end - outer.sizes.begin());
+  };
+  std::size_t count = count_within(limit);
+  for (int round = 0; round < kRounds; ++round) {
+    if (count / 2 < middle.below || count / 2 - middle.below >= middle.sizes.size()) break;
+    const auto at = middle.sizes.begin() + static_cast<std::ptrdiff_t>(count / 2 - middle.below);
+    std::nth_element(middle.sizes.begin(), at, middle.sizes.end());
+    const double next = limit_of(*at);
+    if (!(std::abs(next - first_limit) < kAround * first_limit)) break;
+    const std::size_t next_count = count_within(next);
+    limit = next;
+    if (next_count == count) return within(distances_mm, limit);
+    count = next_count;
+  }
+  // Farther off: one by one.
+  UsedBits now = within(distances_mm, limit);
+  for (int round = 0; round < kRounds; ++round) {
+    UsedBits next = within_robust_deviation(distances_mm, now, rounding_mm);
+    if (next == now) break;
+    now = std::move(next);
+  }
+  return now;
 }
 
 UsedBits within_three_deviations(std::span<const double> distances_mm, double standard_deviation_mm) {

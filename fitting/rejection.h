@@ -61,6 +61,10 @@ double median_size(std::span<const double> distances_mm, const UsedBits& used);
 /// The points within 3.5 sigma, eq. 2. rounding_mm: a distance that rounding explains is never beyond.
 UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm);
 
+/// The same, repeated on these distances until the set stays as it is: as good as a descent for each, and less work.
+UsedBits settled_within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used,
+                                         double rounding_mm);
+
 /// Whether the sets differ by so few points that it is of no consequence.
 bool is_settled(const UsedBits& now, const UsedBits& next);
 

@@ -22,8 +22,9 @@ KernelTask task_of(KernelKind kind, const Cloud& cloud) {
   task.radius_mm = 20.0;
   return task;
 }
-constexpr KernelKind kKinds[] = {KernelKind::moments,  KernelKind::plane,         KernelKind::sphere,
-                                 KernelKind::cylinder, KernelKind::sphere_centre, KernelKind::cylinder_axis};
+constexpr KernelKind kKinds[] = {KernelKind::moments,      KernelKind::moments_mm, KernelKind::plane,
+                                 KernelKind::sphere,       KernelKind::cylinder,   KernelKind::sphere_centre,
+                                 KernelKind::cylinder_axis};
 const Cloud& cloud() {
   static const Cloud points = [] {
     Cloud out;

@@ -54,7 +54,7 @@ TEST(FitManyPoints, OfASphereAgreeWithTheCarefulWay) {
       EXPECT_NEAR(quick->amplification, careful->amplification, 1e-3 * careful->amplification);
       EXPECT_NEAR(quick->quality.rms_mm, careful->quality.rms_mm, 1e-9 * careful->quality.rms_mm);
       // Distances are those of one step before, 3e-9 of the size away at most: 60 mm.
-      EXPECT_NEAR(quick->quality.max_mm, careful->quality.max_mm, 2e-7);
+      EXPECT_NEAR(*quick->quality.max_mm, *careful->quality.max_mm, 2e-7);
       EXPECT_NEAR(quick->quality.distances_mm[17], careful->quality.distances_mm[17], 2e-7);
     }
   }

@@ -51,10 +51,12 @@ constexpr double kAngle_rad = 1e-11;
 TEST_F(NistPairs, PlanesAgreeWithNistToRounding) {
   for (const Pair& pair : pairs(root + "/Plane", "pla")) {
     SCOPED_TRACE(pair.name);
-    const auto fit = fit_plane(pair.points_mm);
-    ASSERT_TRUE(fit) << fit.error().sentence;
-    EXPECT_LT(std::abs(fit->normal.dot(three(pair.reference, 0) - fit->point_mm)), kLength_mm);
-    EXPECT_LT(angle_rad(fit->normal, three(pair.reference, 3)), kAngle_rad);
+    for (const DistancesWanted wanted : {DistancesWanted::all, DistancesWanted::none}) {
+      const auto fit = fit_plane(pair.points_mm, {.distances = wanted});
+      ASSERT_TRUE(fit) << fit.error().sentence;
+      EXPECT_LT(std::abs(fit->normal.dot(three(pair.reference, 0) - fit->point_mm)), kLength_mm);
+      EXPECT_LT(angle_rad(fit->normal, three(pair.reference, 3)), kAngle_rad);
+    }
   }
 }
 

@@ -169,12 +169,12 @@ TEST(Optimum, OfCylindersIsReachedFromWholeOnesToSectorsOfTenDegrees) {
   }
 }
 
-TEST(Optimum, OfPlanesIsReached) {
+void plane_is_reached(DistancesWanted wanted) {
   Cloud cloud;
   Random random(22);
   for (int i = 0; i < 2000; ++i)
     cloud.emplace_back(400 * uniform(random), 300 * uniform(random), 1000 + 0.03 * normal(random));
-  const auto fit = fit_plane(cloud);
+  const auto fit = fit_plane(cloud, {.distances = wanted});
   ASSERT_TRUE(fit);
   // z = a + b x + c y with orthogonal distances: Gauss-Newton about the answer, in 128 bits
   std::array<Quad, 3> s = {0, 0, 0};
@@ -198,6 +198,8 @@ TEST(Optimum, OfPlanesIsReached) {
   EXPECT_LE(offset, kWell_mm);
   EXPECT_LE(200.0 * tilt, kWell_mm);  // over half the side
 }
+TEST(Optimum, OfPlanesIsReached) { plane_is_reached(DistancesWanted::all); }
+TEST(Optimum, OfPlanesIsReachedInOnePassWithoutDistances) { plane_is_reached(DistancesWanted::none); }
 
 }  // namespace
 }  // namespace fringecal::fitting

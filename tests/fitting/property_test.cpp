@@ -52,7 +52,7 @@ TEST(FitPlane, MovesWithItsPointsAndDoesNotSeeTheirOrder) {
   EXPECT_LT((kMotion.rotation * a->normal).cross(b->normal).norm(), kAngle_rad);
   EXPECT_LT((a->point_mm - c->point_mm).norm(), kLength_mm);
   EXPECT_LT(a->normal.cross(c->normal).norm(), kAngle_rad);
-  EXPECT_NEAR(a->quality.max_mm, c->quality.max_mm, kLength_mm);
+  EXPECT_NEAR(*a->quality.max_mm, *c->quality.max_mm, kLength_mm);
 }
 
 TEST(FitSphere, MovesWithItsPointsAndDoesNotSeeTheirOrder) {

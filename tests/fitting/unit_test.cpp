@@ -2,6 +2,7 @@
 #include "tests/fitting/synthetic.h"
 
 #include "fitting/fit.h"
+#include "fitting/surface.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -106,6 +107,40 @@ TEST(FitSphere, GivesDistancesOfEveryPointAsOrdered) {
   ASSERT_EQ(fit->quality.distances_mm.size(), cloud.size());
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     EXPECT_NEAR(fit->quality.distances_mm[i], i % 2 ? -0.1 : 0.1, 1e-12);  // rounding, 100 times the eps of 10 mm
+  }
+}
+
+// With and without distances: the same minimum by two ways of rounding. A scatter of a ten-thousandth of the size leaves
+// that of the moments 1e-16 / 1e-8 of itself, ten times for the many terms: 1e-7; at a hundred-thousandth they are taken
+// along the plane and good to rounding.
+TEST(FitAll, WithoutDistancesGiveTheSameSurfaceAndScatter) {
+  for (const double noise_mm : {0.0, 1e-9, 1e-3, 0.02, 2.0}) {
+    Random random(6);
+    Cloud cloud, round;
+    for (int i = 0; i < 4000; ++i) {
+      const Eigen::Vector3d e(200 * uniform(random), 150 * uniform(random), noise_mm * normal(random));
+      cloud.push_back(axes_with(Eigen::Vector3d(1, -2, 3), 2) * e + Eigen::Vector3d(100, 200, 1000));
+      const Eigen::Vector3d n(normal(random), normal(random), normal(random));
+      round.push_back((25 + noise_mm * normal(random)) * n.normalized() + Eigen::Vector3d(100, 200, 1000));
+    }
+    const auto a = fit_plane(cloud), b = fit_plane(cloud, {.distances = DistancesWanted::none});
+    ASSERT_TRUE(a && b);
+    // 1e3 eps of coordinates of 1000 mm
+    EXPECT_LT((a->point_mm - b->point_mm).norm(), 2e-10);
+    EXPECT_LT(a->normal.cross(b->normal).norm(), 2e-12);
+    const double s = a->quality.standard_deviation_mm, rounding_mm = 1e-12;
+    EXPECT_NEAR(b->quality.standard_deviation_mm, s, 1e-7 * s + rounding_mm);
+    EXPECT_NEAR(b->u_tilt_rad, a->u_tilt_rad, 1e-7 * a->u_tilt_rad + rounding_mm / 100.0);
+    EXPECT_NEAR(b->u_offset_mm, a->u_offset_mm, 1e-7 * a->u_offset_mm + rounding_mm);
+    EXPECT_TRUE(b->quality.distances_mm.empty());
+    EXPECT_FALSE(b->quality.max_mm || b->quality.min_mm);
+    const auto c = fit_sphere(round), d = fit_sphere(round, {.distances = DistancesWanted::none});
+    const auto e = fit_sphere(round, {.rejection = Rejection::robust, .distances = DistancesWanted::none});
+    ASSERT_TRUE(c && d && e);
+    EXPECT_EQ(c->diameter_mm, d->diameter_mm);
+    EXPECT_EQ(c->quality.standard_deviation_mm, d->quality.standard_deviation_mm);
+    EXPECT_TRUE(d->quality.distances_mm.empty() && e->quality.distances_mm.empty());
+    EXPECT_EQ(e->quality.rejected.size(), round.size());
   }
 }
 
