@@ -27,6 +27,8 @@ struct Sight {
   double u_pixel_px = 1;
   std::optional<Uncertain> x, y;
   bool used = true;
+  // d(u_x, u_y)/d(pixel) along the board: u is read where the corner was found, not where it is (bundle_rows.h, eq. 5).
+  Eigen::Matrix2d u_by_pixel = Eigen::Matrix2d::Zero();
 };
 
 /// What is solved for, and what from. On entry of a solve the start, on return the solution. The vectors of the board's

@@ -1,6 +1,9 @@
 #include "calib/bundle_rows.h"
 
+#include <Eigen/LU>
+
 #include <algorithm>
+#include <cmath>
 
 namespace fringecal::calib {
 
@@ -139,7 +142,9 @@ bool evaluate(const Bundle& b, const Frame& f, const Eigen::Vector3d& shape, con
     Row& row = out.row[2 + axis];
     out.has[2 + axis] = true;
     const double d = axis == 0 ? l.xd : l.yd;
-    row.residual = coded->f * d + coded->u0 + f.offset[static_cast<Eigen::Index>(axis)] - seen->value;  // eq. 2
+    const Eigen::RowVector2d slope = s.u_by_pixel.row(static_cast<Eigen::Index>(axis));
+    row.residual = coded->f * d + coded->u0 + f.offset[static_cast<Eigen::Index>(axis)] - seen->value -
+                   slope[0] * out.row[0].residual - slope[1] * out.row[1].residual;  // eq. 2
     if (with == With::residuals) continue;
     row.by.fill(0.0);
     row.by[kAxis + 2 * axis] = d;
@@ -151,8 +156,33 @@ bool evaluate(const Bundle& b, const Frame& f, const Eigen::Vector3d& shape, con
     set_rotation(row, kProjectorW, a, spun);
     for (std::size_t i = 0; i < 3; ++i) row.by[kProjectorT + i] = a[static_cast<Eigen::Index>(i)];
     set_pose_and_board(row, a * f.projector_rotation, f, turned, place, pitch, shape);
+    for (std::size_t i = 0; i < row.by.size(); ++i) {
+      row.by[i] -= slope[0] * out.row[0].by[i] + slope[1] * out.row[1].by[i];
+    }
   }
   return true;
+}
+
+void set_slopes(Bundle& b) {
+  const auto shapes = bow_shapes(b);
+  std::vector<Frame> frames;
+  for (std::size_t j = 0; j < b.cam_from_board.size(); ++j) frames.push_back(frame_of(b, j));
+  SightRows r;
+  for (Sight& s : b.sights) {
+    s.u_by_pixel.setZero();
+    if (!b.projector || !evaluate(b, frames[static_cast<std::size_t>(s.pose)],
+                                  shapes[static_cast<std::size_t>(s.target)], s, With::derivatives, r)) {
+      continue;
+    }
+    const auto along = [&](std::size_t k) { return Eigen::RowVector2d(r.row[k].by[kPrint], r.row[k].by[kPrint + 1]); };
+    Eigen::Matrix2d by;
+    by << along(0), along(1);
+    // Seen at less than some 3 degrees from its face, a board tells nothing of its own slope.
+    if (!(std::abs(by.determinant()) > 0.05 * by.squaredNorm())) continue;
+    for (const std::size_t axis : {0U, 1U}) {
+      if (r.has[2 + axis]) s.u_by_pixel.row(static_cast<Eigen::Index>(axis)) = along(2 + axis) * by.inverse();  // eq. 5
+    }
+  }
 }
 
 }  // namespace rows

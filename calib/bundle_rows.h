@@ -1,13 +1,19 @@
 // Residuals of one sight and their derivatives, written out.
 //
 //   camera      r = pi_cam(R_j B + t_j) - pixel                     two rows                                   (1)
-//   projector   r = u_proj(R_p (R_j B + t_j) + t_p) + o_j - u       one row per coded axis                     (2)
+//   projector   r = u_proj(R_p (R_j B + t_j) + t_p) + o_j - u - G r_camera   one row per coded axis            (2)
+// G = d(u)/d(pixel) along the board's face (Sight::u_by_pixel): the phase is read at the pixel where the corner was found,
+// and there it is another than at the corner, by G times the pixel's error. Without this term the error of the pixel, and
+// that of printing, would stand in both residuals and be taken for independent in each.
 // B the corner on its board (bundle.h, eq. 1), the lenses those of calib/model, o_j the offset of the capture's phase.
 // A rotation's parameter is w of exp(w) R at w = 0, the perturbation on the left that scanner.h speaks of: with q = R B,
 //   d(exp(w) q)/dw = -[q]x,  dq/dB = R                                                                         (3)
 // and for the lens (camera.h, eqs. 1 to 3) with x = X/Z, y = Y/Z, s' = ds/d(r^2):
 //   dxd/dx = s + 2 s' x^2 + 2 p1 y + 6 p2 x,  dxd/dy = 2 s' x y + 2 p1 x + 2 p2 y = dyd/dx,
 //   dyd/dy = s + 2 s' y^2 + 6 p1 y + 2 p2 x                                                                    (4)
+// With D = (ex, ey) the corner's place on its face,
+//   G = du/dD (dpixel/dD)^-1,                                                                                  (5)
+// which a solve holds while it steps, so that (2) has the derivatives of its terms.
 // Residuals and derivatives are not whitened. mm, rad, px, the code's unit. A point that is not in front of a lens has
 // no rows.
 #pragma once
@@ -52,5 +58,8 @@ struct SightRows {
 /// False where the point is not in front of a lens.
 bool evaluate(const Bundle& bundle, const Frame& frame, const Eigen::Vector3d& shape, const Sight& sight, With with,
               SightRows& out);
+
+/// Eq. 5 at the bundle, for every sight; zero where the board is seen edge on.
+void set_slopes(Bundle& bundle);
 
 }  // namespace fringecal::calib::rows

@@ -155,6 +155,7 @@ class Solver {
     zeros(bundle.print_mm, bundle.targets_mm.size());
     zeros(bundle.bend_mm, bundle.cam_from_board.size());
     zeros(bundle.phase_offset, bundle.cam_from_board.size());
+    rows::set_slopes(bundle);
   }
 
   Result<SolveReport> run();
@@ -243,6 +244,7 @@ bool Solver::robust_passes() {
   };
   for (int pass = 0; pass < 3; ++pass) {
     if (!rescale() || !minimise(2.0, 1e-3, pass == 0 ? 1e-3 : 0.0)) return false;
+    rows::set_slopes(bundle_);
   }
   if (!rescale()) return false;
   least_ = {components_.camera, components_.projector};
@@ -327,6 +329,7 @@ Result<SolveReport> Solver::run() {
           reject(bundle_, posterior->readings, pass < kTakeBackPasses ? *without : std::vector<Reading>(), judged_);
     }
     settled = *same && changed == 0;
+    rows::set_slopes(bundle_);
   }
 }
 

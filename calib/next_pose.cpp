@@ -1,5 +1,6 @@
 #include "calib/next_pose.h"
 
+#include "calib/bundle_rows.h"
 #include "calib/bundle_system.h"
 #include "calib/halves.h"
 
@@ -135,6 +136,7 @@ Result<NextPose> propose_next_pose(const model::Scanner& s, const Eigen::MatrixX
       bundle.cam_from_board.front() = {turn, at - turn * middle};
       bundle.sights = sights_of(s, bundle, noise);
       if (2 * bundle.sights.size() < bundle.targets_mm.size() || bundle.sights.size() < 8) continue;
+      rows::set_slopes(bundle);
       BundleSystem system(bundle, free, components);
       if (system.reported() != now->rows() ||
           !std::equal(s.uncertainty.names.begin(), s.uncertainty.names.end(), system.names().begin())) {

@@ -1,6 +1,7 @@
 #include "calib/stepped_board.h"
 
 #include "calib/model/triangulate.h"
+#include "calib/reference_phase.h"
 #include "core/error.h"
 
 #include <fmt/format.h>
@@ -42,6 +43,7 @@ class SteppedSolver {
 
  private:
   Index steps() const { return static_cast<Index>(stepped_.z_mm.size()); }
+  Index first_common() const { return kOffsets + 2 * steps(); }
   Chen2008Model model_at(const VectorXd& x) const;
   Vector2d on_board(const SteppedReading& r) const {
     return stepped_.board.corner_mm(r.column, r.row).head<2>() - middle_;
@@ -74,7 +76,9 @@ SteppedSolver::SteppedSolver(const SteppedBoard& stepped, const Chen2008Model& s
   middle_ = 0.5 * (b.corner_mm(b.columns - 1, b.rows - 1) + b.corner_mm(0, 0)).head<2>();
   half_ = middle_;
   print_.assign(static_cast<std::size_t>(b.corners()), Vector2d::Zero());
-  const Index n = kOffsets + 2 * steps();
+  Index common = 0;
+  for (const auto& r : readings_) common = std::max(common, r.ref_error_rad.size());
+  const Index n = first_common() + common;
   x_.setZero(n);
   u_.setZero(n);
   scale_.setOnes(n);
@@ -92,7 +96,8 @@ SteppedSolver::SteppedSolver(const SteppedBoard& stepped, const Chen2008Model& s
   u_.segment<2>(kSquare).setConstant(stepped.u.square_rad);
   u_.segment<3>(kBow).setConstant(stepped.u.bow_relative * 2.0 * half_.norm());
   u_.segment(kOffsets, steps()).setConstant(stepped.u.phase_offset_rad);
-  u_.tail(steps()).setConstant(stepped.u.step_mm);
+  u_.segment(kOffsets + steps(), steps()).setConstant(stepped.u.step_mm);
+  u_.tail(common).setOnes();
 }
 
 Chen2008Model SteppedSolver::model_at(const VectorXd& x) const {
@@ -117,7 +122,7 @@ std::optional<Vector3d> SteppedSolver::seen(const VectorXd& x, const Chen2008Mod
   for (Index k = 0; k < steps(); ++k) {
     if (stepped_.z_mm[static_cast<std::size_t>(k)] == 0) reference = x[kOffsets + k];
   }
-  double phi_ref = r.phi_ref - reference;
+  double phi_ref = r.phi_ref - reference - r.ref_error_rad.dot(x.segment(first_common(), r.ref_error_rad.size()));
   const auto on_R = m.point_mm(pixel, phi_ref, phi_ref, true);
   if (!on_R) return std::nullopt;
   const Vector2d place = attitude(x).transpose() * (on_R->head<2>() - x.segment<2>(kX0));
@@ -153,6 +158,7 @@ std::optional<Eigen::Matrix3d> SteppedSolver::whitening(const SteppedReading& r)
   v(0, 0) = v(1, 1) = std::pow(stepped_.u.pixel_px * per_px, 2);
   v(2, 2) = 1e-12;  // rounding: keeps v regular where the phases are perfect
   for (double SteppedReading::*phase : {&SteppedReading::phi_obj, &SteppedReading::phi_ref}) {
+    if (phase == &SteppedReading::phi_ref && r.ref_error_rad.size() > 0) continue;
     SteppedReading moved = r;
     moved.*phase += 1e-3;
     const auto there = seen(x_, m, moved);
@@ -208,7 +214,14 @@ std::optional<double> SteppedSolver::step() {
     const auto here = residual(x_, r);
     if (!w || !here) return std::nullopt;
     j.setZero();
-    for (Index k = 0; k < n; ++k) {
+    if (r.ref_error_rad.size() > 0) {
+      SteppedReading moved = r;
+      moved.phi_ref += 1e-3;
+      const auto there = residual(x_, moved);
+      if (!there) return std::nullopt;
+      j.middleCols(first_common(), r.ref_error_rad.size()) = (*here - *there) / 1e-3 * r.ref_error_rad.transpose();
+    }
+    for (Index k = 0; k < first_common(); ++k) {
       const bool of_a_step = k >= kOffsets;
       const Index step = of_a_step ? (k - kOffsets) % steps() : 0;
       const bool reference = of_a_step && stepped_.z_mm[static_cast<std::size_t>(step)] == 0;
@@ -235,8 +248,9 @@ std::optional<double> SteppedSolver::step() {
   }
   for (Index k = 0; k < n; ++k) {
     // A zero uncertainty holds the unknown; so does the reference's own step, which is where Z = 0.
-    const bool held = (k >= kScale && !(u_[k] > 0)) ||
-                      (k >= kOffsets + steps() && stepped_.z_mm[static_cast<std::size_t>(k - kOffsets - steps())] == 0);
+    const bool held =
+        (k >= kScale && !(u_[k] > 0)) || (k >= kOffsets + steps() && k < first_common() &&
+                                          stepped_.z_mm[static_cast<std::size_t>(k - kOffsets - steps())] == 0);
     const double u = held ? 1e-9 * scale_[k] : u_[k];
     if (!(u > 0)) continue;
     normal(k, k) += 1.0 / (u * u);
@@ -272,7 +286,7 @@ SteppedFit SteppedSolver::result(int iterations) const {
   out.iterations = iterations;
   VectorXd nominal = x_;
   nominal.segment<2>(kSquare).setZero();
-  nominal.tail(steps()).setZero();
+  nominal.segment(kOffsets + steps(), steps()).setZero();
   for (const auto& r : readings_) {
     if (const auto d = residual(x_, r)) out.rms_xyz_mm += d->cwiseAbs2() / static_cast<double>(readings_.size());
     out.places_mm.push_back(known(nominal, r));
@@ -358,19 +372,30 @@ Result<SteppedComparison> compare_stepped_board(const SteppedBoard& stepped, con
   const Chen2008Model start = model::chen2008_from(scanner);
   auto direct = fit_stepped_board(stepped, start);
   if (!direct) return tl::unexpected(direct.error());
+  std::vector<Vector3d> places = direct->places_mm;
   const auto readings_by = [&](const model::Scanner& s) -> std::optional<std::vector<SteppedReading>> {
-    const auto cam_from_world = placed_by(s, stepped.readings, direct->places_mm);
+    const auto cam_from_world = placed_by(s, stepped.readings, places);
     return cam_from_world ? readings_of(s, *cam_from_world, stepped.readings, direct->nominal_places_mm) : std::nullopt;
   };
   const Unanswerable out_of_reach{
       "the stepped board is not wholly in the full model's reach; leave out the outer steps"};
-  const auto clean = readings_by(scanner);
-  if (!clean) return tl::unexpected(out_of_reach);
   SteppedBoard computed = stepped;
-  computed.readings = *clean;
-  SteppedSolver solver(computed, start);
-  auto from_full = solved(solver);
-  if (!from_full) return tl::unexpected(from_full.error());
+  std::optional<SteppedSolver> solver;
+  std::optional<SteppedFit> from_full;
+  // A flat board in a geometry that is not the paper's looks bowed to the closed form. That bow is in the fitted places, and
+  // the board is not where they are: what the fit makes of the full model's flat board is taken off, until it stays.
+  for (int pass = 0; pass < 3; ++pass) {
+    auto clean = readings_by(scanner);
+    if (!clean) return tl::unexpected(out_of_reach);
+    computed.readings = std::move(*clean);
+    solver.emplace(computed, start);
+    auto found = solved(*solver);
+    if (!found) return tl::unexpected(found.error());
+    from_full = std::move(*found);
+    for (std::size_t i = 0; i < places.size(); ++i) {
+      places[i] = direct->places_mm[i] - (from_full->places_mm[i] - from_full->nominal_places_mm[i]);
+    }
+  }
   // dq/d(parameter): what one Gauss-Newton step makes of the changed readings.
   const auto& u = scanner.uncertainty;
   MatrixXd by(kQ, static_cast<Index>(u.names.size()));
@@ -380,10 +405,10 @@ Result<SteppedComparison> compare_stepped_board(const SteppedBoard& stepped, con
     if (!(d > 0)) continue;
     const auto moved = readings_by(scanner.changed_by(d * VectorXd::Unit(by.cols(), k)));
     if (!moved) return tl::unexpected(out_of_reach);
-    SteppedSolver other = solver;
+    SteppedSolver other = *solver;
     other.replace_readings(*moved);
     if (!other.step()) return tl::unexpected(out_of_reach);
-    by.col(k) = (other.unknowns().head<kQ>() - solver.unknowns().head<kQ>()) / d;
+    by.col(k) = (other.unknowns().head<kQ>() - solver->unknowns().head<kQ>()) / d;
   }
   SteppedComparison out{std::move(*direct), std::move(*from_full), {}, {}};
   out.computed.covariance = by * u.covariance * by.transpose();
@@ -431,16 +456,14 @@ Result<SteppedBoard> observe_stepped_board(std::span<const std::filesystem::path
   if (!views.dropped.empty()) return unanswerable(views.dropped.front().name + ": " + views.dropped.front().reason);
   SteppedBoard out{{z_mm.begin(), z_mm.end()}, {}, board, {}};
   const FringeCode& code = *reference.info.plan.code(axis);
+  const auto phase = ReferencePhase::fit(map);
+  if (!phase) return tl::unexpected(phase.error());
   for (std::size_t k = 0; k < views.observations.size(); ++k) {
-    model::BoardObservation there = views.observations[k];
-    add_projector_coordinates(there, map);
-    for (std::size_t i = 0; i < there.corners.size(); ++i) {
-      const auto& c = views.observations[k].corners[i];
-      const auto &obj = axis == CodeAxis::x ? c.x : c.y,
-                 &ref = axis == CodeAxis::x ? there.corners[i].x : there.corners[i].y;
-      if (!obj || !ref) continue;
+    for (const auto& c : views.observations[k].corners) {
+      const auto& obj = axis == CodeAxis::x ? c.x : c.y;
+      if (!obj || !phase->covers(c.pixel)) continue;
       out.readings.push_back({static_cast<int>(k), c.column, c.row, c.pixel, code.phase_from_u(obj->value),
-                              code.phase_from_u(ref->value)});
+                              phase->at_rad(c.pixel), phase->error_rad(c.pixel)});
     }
   }
   return out;

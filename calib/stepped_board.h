@@ -8,7 +8,7 @@
 // over q = L, b, alpha, p_R, phi_O, kc1, kc2, kp1, kp2 and, as nuisance: the image's turn T about its centre (the paper's
 // camera has none), the board's place D, x0, y0, and with their standard uncertainties as priors the stage's squareness
 // a = (ax, ay), the steps' errors z_k, the phase offsets o_k of the captures, the board's scale s, bow h (bundle.h, eq. 1)
-// and printing errors e. phi_h takes the bow off the reference phase, 2 pi b h_R / (p_R (L - h_R)), h_R the bow where p
+// and printing errors e, and the errors of the reference phase map, which readings have in common. phi_h takes the bow off the reference phase, 2 pi b h_R / (p_R (L - h_R)), h_R the bow where p
 // meets R.
 // Held, as known from the camera's own calibration (Tsai's, in the paper): f_C, i_C, j_C and the pixel's side s.
 // Whitened with the uncertainties of p (in the board's plane: phases are read at p, wherever p is), phi_obj and phi_ref.
@@ -31,11 +31,14 @@ struct SteppedReading {
   int step = 0, column = 0, row = 0;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
   double phi_obj = 0, phi_ref = 0;
+  // What phi_ref errs in common with the other readings': times numbers of standard deviation 1, the same for all
+  // (reference_phase.h). Empty: its error is its own, phase_rad.
+  Eigen::VectorXd ref_error_rad = {};
 };
 
 /// Standard uncertainties of what enters (1).
 struct SteppedUncertainty {
-  double pixel_px = 0.03, phase_rad = 0.01;  // of each reading; phi_obj and phi_ref each
+  double pixel_px = 0.03, phase_rad = 0.01;  // of each reading; phi_obj, and phi_ref where its error is its own
   double phase_offset_rad = 0.008;           // of o_k, all corners of a capture
   double step_mm = 0.002;                    // of z_k
   double square_rad = 2e-4;                  // of ax and ay: a stage set up with a square
