@@ -38,6 +38,15 @@ Lens bend_rays(const model::Distortion& k, double x, double y) {
   return l;
 }
 
+Eigen::Vector3d shape_of(const Eigen::Vector2d& e) { return {e.x() * e.x(), e.y() * e.y(), e.x() * e.y()}; }
+
+/// What a sight is of, on its board or flat.
+struct Place {
+  Eigen::Vector2d place = Eigen::Vector2d::Zero();
+  double height = 0, pitch = 1;
+  Eigen::Vector3d shape = Eigen::Vector3d::Zero();
+};
+
 /// by[column ..] = -(a . [q]x) = q x a, eq. 3 for a row a.
 void set_rotation(Row& row, int column, const Eigen::RowVector3d& a, const Eigen::Vector3d& q) {
   const Eigen::Vector3d d = q.cross(a.transpose());
@@ -82,25 +91,20 @@ std::vector<Eigen::Vector3d> bow_shapes(const Bundle& b) {
   }
   const Eigen::Vector2d middle = 0.5 * (low + high), half = (0.5 * (high - low)).cwiseMax(1e-9);
   std::vector<Eigen::Vector3d> out;
-  out.reserve(b.targets_mm.size());
+  out.reserve(b.targets_mm.size() + 1);
   for (const auto& t : b.targets_mm) {
     const Eigen::Vector2d e = (t - middle).cwiseQuotient(half);
-    out.emplace_back(e.x() * e.x(), e.y() * e.y(), e.x() * e.y());
+    out.push_back(shape_of(e));
   }
+  out.push_back(Eigen::Vector3d::Zero());
   return out;
 }
 
-bool evaluate(const Bundle& b, const Frame& f, const Eigen::Vector3d& shape, const Sight& s, With with,
-              SightRows& out) {
-  out.has = {};
-  const auto target = static_cast<std::size_t>(s.target);
-  Eigen::Vector2d place = b.targets_mm[target];
-  double height = f.bow.dot(shape);
-  if (!b.print_mm.empty()) {
-    place += b.print_mm[target].head<2>();
-    height += b.print_mm[target].z();
-  }
-  const double pitch = 1.0 + b.pitch_error;
+namespace {
+
+/// Rows at a place of the board or the flat.
+bool evaluate_at(const Bundle& b, const Frame& f, const Place& at, const Sight& s, With with, SightRows& out) {
+  const auto& [place, height, pitch, shape] = at;
   const Eigen::Vector3d board(pitch * place.x(), pitch * place.y(), height);  // bundle.h, eq. 1
   const Eigen::Vector3d turned = f.rotation * board, cam = turned + f.translation;
   if (!(cam.z() > 0.0)) return false;
@@ -163,6 +167,68 @@ bool evaluate(const Bundle& b, const Frame& f, const Eigen::Vector3d& shape, con
   return true;
 }
 
+/// Where a pixel's ray meets the flat of this frame. The bow's slope is some 1e-5: one step from the plane is exact.
+std::optional<Place> place_on_flat(const Bundle& b, const Frame& f, const Sight& s) {
+  const auto ray = b.camera.ray(s.pixel);
+  if (!ray) return std::nullopt;
+  const Eigen::Vector3d normal = f.rotation.col(2);
+  const double along = normal.dot(*ray), distance = normal.dot(f.translation);
+  Place out{.pitch = 1.0};
+  for (int pass = 0; pass < 2; ++pass) {
+    const Eigen::Vector3d at = (distance + out.height) / along * *ray;
+    if (!(at.z() > 0.0) || !at.allFinite()) return std::nullopt;
+    out.place = (f.rotation.transpose() * (at - f.translation)).head<2>();
+    out.shape = shape_of(out.place / b.flat_half_mm);
+    out.height = b.flat_bow_mm.dot(out.shape);  // bundle.h, eq. 2
+  }
+  return out;
+}
+
+/// Eq. 6 on the rows of a place on the flat.
+bool keep_the_fringes_alone(SightRows& out, With with) {
+  out.has[0] = out.has[1] = false;
+  Eigen::Matrix2d c;
+  for (Eigen::Index i = 0; i < 2; ++i) {
+    const auto& by = out.row[static_cast<std::size_t>(i)].by;
+    c.row(i) << by[kPrint], by[kPrint + 1];
+  }
+  const Eigen::Matrix2d inverse = c.inverse();
+  if (!inverse.allFinite()) return false;
+  for (const std::size_t k : {2U, 3U}) {
+    if (!out.has[k]) continue;
+    Row& row = out.row[k];
+    const Eigen::RowVector2d of_camera = Eigen::RowVector2d(row.by[kPrint], row.by[kPrint + 1]) * inverse;
+    row.residual -= of_camera[0] * out.row[0].residual + of_camera[1] * out.row[1].residual;
+    if (with == With::residuals) continue;
+    for (std::size_t i = 0; i < kColumns; ++i) {
+      row.by[i] -= of_camera[0] * out.row[0].by[i] + of_camera[1] * out.row[1].by[i];
+    }
+    for (std::size_t i = 0; i < 3; ++i) row.by[kFlatBow + i] = row.by[kBow + i];
+    for (const int first : {kBow, kBend, kPrint}) std::fill_n(row.by.begin() + first, 3, 0.0);
+    row.by[kPitch] = 0.0;
+  }
+  return true;
+}
+
+}  // namespace
+
+bool evaluate(const Bundle& b, const Frame& f, const Eigen::Vector3d& shape, const Sight& s, With with,
+              SightRows& out) {
+  out.has = {};
+  if (s.target == kOnFlat) {
+    const auto place = place_on_flat(b, f, s);
+    // The place's derivatives are needed for the residual too.
+    return place && evaluate_at(b, f, *place, s, With::derivatives, out) && keep_the_fringes_alone(out, with);
+  }
+  const auto target = static_cast<std::size_t>(s.target);
+  Place at{b.targets_mm[target], f.bow.dot(shape), 1.0 + b.pitch_error, shape};
+  if (!b.print_mm.empty()) {
+    at.place += b.print_mm[target].head<2>();
+    at.height += b.print_mm[target].z();
+  }
+  return evaluate_at(b, f, at, s, with, out);
+}
+
 void set_slopes(Bundle& b) {
   const auto shapes = bow_shapes(b);
   std::vector<Frame> frames;
@@ -170,6 +236,7 @@ void set_slopes(Bundle& b) {
   SightRows r;
   for (Sight& s : b.sights) {
     s.u_by_pixel.setZero();
+    if (s.target == kOnFlat) continue;  // the pixel is exact
     if (!b.projector || !evaluate(b, frames[static_cast<std::size_t>(s.pose)],
                                   shapes[static_cast<std::size_t>(s.target)], s, With::derivatives, r)) {
       continue;

@@ -14,6 +14,9 @@
 // With D = (ex, ey) the corner's place on its face,
 //   G = du/dD (dpixel/dD)^-1,                                                                                  (5)
 // which a solve holds while it steps, so that (2) has the derivatives of its terms.
+// A sight on a flat (bundle.h, eq. 2) has the rows of (2) alone: with P, C the derivatives of (2) and (1) by the place on
+// the flat, which the pixel determines,
+//   r_flat = r_2 - P C^-1 r_1,   dr_flat = dr_2 - P C^-1 dr_1                                                  (6)
 // Residuals and derivatives are not whitened. mm, rad, px, the code's unit. A point that is not in front of a lens has
 // no rows.
 #pragma once
@@ -26,9 +29,9 @@ namespace fringecal::calib::rows {
 
 // Columns of a row. The first kDense are shared by all sights, then those of the pose, then those of the target.
 inline constexpr int kCamera = 0, kCameraK = 4, kAxis = 9, kProjectorK = 13, kProjectorW = 18, kProjectorT = 21,
-                     kPitch = 24, kBow = 25, kDense = 28;
-inline constexpr int kPoseW = 28, kPoseT = 31, kOffset = 34, kBend = 36, kPoseEnd = 39;
-inline constexpr int kPrint = 39, kColumns = 42;
+                     kPitch = 24, kBow = 25, kFlatBow = 28, kDense = 31;
+inline constexpr int kPoseW = 31, kPoseT = 34, kOffset = 37, kBend = 39, kPoseEnd = 42;
+inline constexpr int kPrint = 42, kColumns = 45;
 
 struct Row {
   double residual = 0;
@@ -44,8 +47,12 @@ struct Frame {
 };
 Frame frame_of(const Bundle& bundle, std::size_t pose);
 
-/// phi of bundle.h, eq. 1, per target.
+/// phi of bundle.h, eq. 1, per target; one more at the end, for sights on flats, which have their own.
 std::vector<Eigen::Vector3d> bow_shapes(const Bundle& bundle);
+/// Which of them is a sight's.
+inline std::size_t shape_index(const Bundle& bundle, const Sight& sight) {
+  return sight.target == kOnFlat ? bundle.targets_mm.size() : static_cast<std::size_t>(sight.target);
+}
 
 enum class With { residuals, derivatives };
 
@@ -55,7 +62,7 @@ struct SightRows {
   std::array<bool, 4> has{};
 };
 
-/// False where the point is not in front of a lens.
+/// False where the point is not in front of a lens, or the pixel's ray misses the flat.
 bool evaluate(const Bundle& bundle, const Frame& frame, const Eigen::Vector3d& shape, const Sight& sight, With with,
               SightRows& out);
 

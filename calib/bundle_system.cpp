@@ -23,7 +23,7 @@ using rows::SightRows;
 /// Whitening factor of row k of a sight.
 double whitening(const Sight& s, std::size_t k, const Components& c) {
   if (k < 2) return 1.0 / (s.u_pixel_px * c.camera);
-  return 1.0 / ((k == 2 ? s.x->u : s.y->u) * c.projector);
+  return 1.0 / ((k == 2 ? s.x->u : s.y->u) * (s.target == kOnFlat ? c.flat : c.projector));
 }
 
 /// Squares and weights of the robust loss: the camera's two rows are judged together.
@@ -92,6 +92,7 @@ BundleSystem::BundleSystem(const Bundle& b, const FreeTerms& free, const Compone
       components_(components),
       loss_scale_(loss_scale),
       poses_(static_cast<int>(b.cam_from_board.size())),
+      flats_(b.flats),
       targets_(components.print_mm > 0 ? static_cast<int>(b.targets_mm.size()) : 0),
       per_target_(components.relief_mm > 0 ? 3 : 2) {
   add_names(b);
@@ -137,9 +138,12 @@ void BundleSystem::add_names(const Bundle& b) {
   reported_ = static_cast<int>(dense_.size());
   if (components_.pitch > 0) add(rows::kPitch, {"board scale"}, 1);
   if (components_.bow_mm > 0) add(rows::kBow, {"board bow x", "board bow y", "board twist"}, 3);
+  if (b.flats > 0 && components_.flat_bow_mm > 0) add(rows::kFlatBow, {"flat bow x", "flat bow y", "flat twist"}, 3);
 }
 
-int BundleSystem::lens_and_pose_unknowns() const { return reported_ + (free_.camera_and_poses ? 6 * poses_ : 0); }
+int BundleSystem::lens_and_pose_unknowns() const {
+  return reported_ + (free_.camera_and_poses ? 6 * (poses_ - flats_) + 3 * flats_ : 0);
+}
 
 double BundleSystem::prior_cost(const Bundle& b) const {
   double sum = 0;
@@ -148,6 +152,7 @@ double BundleSystem::prior_cost(const Bundle& b) const {
   };
   add(b.pitch_error, components_.pitch);
   for (const double v : b.bow_mm) add(v, components_.bow_mm);
+  for (const double v : b.flat_bow_mm) add(v, components_.flat_bow_mm);
   for (const auto& e : b.print_mm) {
     add(e.head<2>().norm(), components_.print_mm);
     add(e.z(), components_.relief_mm);
@@ -167,12 +172,14 @@ double BundleSystem::cost(const Bundle& b) const {
   SightRows r;
   for (const Sight& s : b.sights) {
     if (!s.used) continue;
-    const auto pose = static_cast<std::size_t>(s.pose), target = static_cast<std::size_t>(s.target);
-    if (!rows::evaluate(b, frames[pose], shapes[target], s, rows::With::residuals, r)) {
+    const auto pose = static_cast<std::size_t>(s.pose);
+    if (!rows::evaluate(b, frames[pose], shapes[rows::shape_index(b, s)], s, rows::With::residuals, r)) {
       return std::numeric_limits<double>::infinity();
     }
-    const double k = whitening(s, 0, components_);
-    sum += robust.cost(k * k * (std::pow(r.row[0].residual, 2) + std::pow(r.row[1].residual, 2)));
+    if (r.has[0]) {
+      const double k = whitening(s, 0, components_);
+      sum += robust.cost(k * k * (std::pow(r.row[0].residual, 2) + std::pow(r.row[1].residual, 2)));
+    }
     for (const std::size_t i : {2U, 3U}) {
       if (r.has[i]) sum += robust.cost(std::pow(whitening(s, i, components_) * r.row[i].residual, 2));
     }
@@ -203,8 +210,7 @@ bool BundleSystem::linearise(const Bundle& b) {
     lines.setZero(static_cast<Index>(4 * of_pose[j].size()), local);
     Index n = 0;
     for (const Sight* s : of_pose[j]) {
-      const auto target = static_cast<std::size_t>(s->target);
-      if (!rows::evaluate(b, frame, shapes[target], *s, rows::With::derivatives, r)) return false;
+      if (!rows::evaluate(b, frame, shapes[rows::shape_index(b, *s)], *s, rows::With::derivatives, r)) return false;
       const Index first = n;
       Eigen::Matrix<double, 4, 3> by_print;
       for (const auto& [from, to] : {std::pair<std::size_t, std::size_t>{0, 2}, {2, 3}, {3, 4}}) {
@@ -224,10 +230,10 @@ bool BundleSystem::linearise(const Bundle& b) {
           ++n;
         }
       }
-      if (targets_ == 0) continue;
+      if (targets_ == 0 || s->target == kOnFlat) continue;
       const auto e = by_print.topLeftCorner(n - first, per_target_);
       const Eigen::MatrixXd cross = e.transpose() * lines.middleRows(first, n - first);
-      const Index at = print_column(target);
+      const Index at = print_column(static_cast<std::size_t>(s->target));
       shared_.block(at, 0, per_target_, nd) += cross.leftCols(nd);
       shared_.block(at, at, per_target_, per_target_) += e.transpose() * e;
       block.w.block(0, at, np, per_target_) += cross.middleCols(nd, np).transpose();
@@ -253,8 +259,11 @@ void BundleSystem::add_priors(const Bundle& b) {
   for (std::size_t i = 0; i < dense_.size(); ++i) {
     const auto at = static_cast<Index>(i);
     if (dense_[i] == rows::kPitch) shared(at, b.pitch_error, components_.pitch);
-    if (dense_[i] >= rows::kBow && dense_[i] < rows::kDense) {
+    if (dense_[i] >= rows::kBow && dense_[i] < rows::kFlatBow) {
       shared(at, b.bow_mm[dense_[i] - rows::kBow], components_.bow_mm);
+    }
+    if (dense_[i] >= rows::kFlatBow && dense_[i] < rows::kDense) {
+      shared(at, b.flat_bow_mm[dense_[i] - rows::kFlatBow], components_.flat_bow_mm);
     }
   }
   if (along_column_ >= 0) {
@@ -268,6 +277,7 @@ void BundleSystem::add_priors(const Bundle& b) {
     }
   }
   for (std::size_t j = 0; j < blocks_.size(); ++j) {
+    if (free_.camera_and_poses && b.is_flat(j)) hold_in_its_plane(b.cam_from_board[j], blocks_[j].a);
     for (std::size_t i = 0; i < pose_.size(); ++i) {
       double value = 0, sd = 0;
       if (pose_[i] >= rows::kBend) {
@@ -284,6 +294,14 @@ void BundleSystem::add_priors(const Bundle& b) {
       blocks_[j].g[at] += value / (sd * sd);
     }
   }
+}
+
+void BundleSystem::hold_in_its_plane(const Rigid3& cam_from_flat, Eigen::MatrixXd& a) {
+  // No reading moves with these three, so any weight holds them where they are; these are of the others' order.
+  constexpr double kTurn_rad = 1e-5, kShift_mm = 1e-2;
+  const Eigen::Matrix3d axes = cam_from_flat.rotation_matrix();
+  a.topLeftCorner<3, 3>() += axes.col(2) * axes.col(2).transpose() / (kTurn_rad * kTurn_rad);
+  a.block<3, 3>(3, 3) += axes.leftCols<2>() * axes.leftCols<2>().transpose() / (kShift_mm * kShift_mm);
 }
 
 std::optional<BundleSystem::Direction> BundleSystem::newton(double lambda) const {
@@ -349,8 +367,10 @@ Bundle BundleSystem::moved(const Bundle& b, const Direction& direction, double l
       next.proj_from_cam.translation_mm[c - rows::kProjectorT] += d;
     } else if (c < rows::kBow) {
       next.pitch_error += d;
-    } else {
+    } else if (c < rows::kFlatBow) {
       next.bow_mm[c - rows::kBow] += d;
+    } else {
+      next.flat_bow_mm[c - rows::kFlatBow] += d;
     }
   }
   next.proj_from_cam.rotation = (rotation_from_vector(projector_w) * next.proj_from_cam.rotation).normalized();
@@ -471,10 +491,13 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
     Eigen::VectorXd line(local);
     for (const std::size_t i : of_pose[j]) {
       const Sight& sight = b.sights[i];
-      const auto target = static_cast<std::size_t>(sight.target);
-      if (!rows::evaluate(b, frame, shapes[target], sight, rows::With::derivatives, r)) continue;
-      if (ne > 0) {
-        const Index at = print_column(target);
+      const bool on_flat = sight.target == kOnFlat;
+      if (!rows::evaluate(b, frame, shapes[rows::shape_index(b, sight)], sight, rows::With::derivatives, r)) continue;
+      if (ne > 0 && on_flat) {  // the last corner's, which its zero columns leave out
+        covariance.bottomRows(ne).setZero();
+        covariance.rightCols(ne).setZero();
+      } else if (ne > 0) {
+        const Index at = print_column(static_cast<std::size_t>(sight.target));
         covariance.block(nd + np, 0, ne, nd) = css.block(at, 0, ne, nd);
         covariance.block(nd + np, nd, ne, np) = cps.middleCols(at, ne).transpose();
         covariance.block(nd + np, nd + np, ne, ne) = css.block(at, at, ne, ne);
@@ -489,7 +512,11 @@ Result<BundleSystem::Posterior> BundleSystem::posterior(const Bundle& b) const {
         for (Index n = 0; n < ne; ++n)
           line[nd + np + n] = factor * r.row[q].by[static_cast<std::size_t>(rows::kPrint + n)];
         const double h = line.dot(covariance.selfadjointView<Eigen::Lower>() * line);
-        out.readings.push_back({i, q < 2 ? Group::camera : Group::projector, factor * r.row[q].residual, h});
+        out.readings.push_back({i,
+                                q < 2     ? Group::camera
+                                : on_flat ? Group::flat
+                                          : Group::projector,
+                                factor * r.row[q].residual, h});
       }
     }
   }
@@ -511,11 +538,12 @@ std::optional<Eigen::MatrixXd> BundleSystem::information(const Bundle& b) {
 }
 
 Result<Eigen::MatrixXd> BundleSystem::jackknife(const Bundle& b) const {
-  // A system of no sights has the priors only, one of a single pose's sights those and the pose's part.
+  // A system of no sights has the priors (and the flats) only, one of a single pose's sights those and the pose's part.
   Bundle part = b;
+  const int boards = poses_ - flats_;
   const auto with_pose = [&](int pose) {
     for (std::size_t i = 0; i < b.sights.size(); ++i)
-      part.sights[i].used = b.sights[i].used && b.sights[i].pose == pose;
+      part.sights[i].used = b.sights[i].used && (b.sights[i].pose == pose || b.sights[i].pose >= boards);
     BundleSystem system(part, free_, components_, loss_scale_);
     system.linearise(part);
     return system;
@@ -524,7 +552,15 @@ Result<Eigen::MatrixXd> BundleSystem::jackknife(const Bundle& b) const {
   std::vector<Eigen::MatrixXd> information;
   std::vector<Eigen::VectorXd> gradient;
   Eigen::MatrixXd s = none.shared_;
-  for (int pose = 0; pose < poses_; ++pose) {
+  for (int flat = boards; flat < poses_; ++flat) {
+    const PoseBlock& block = none.blocks_[static_cast<std::size_t>(flat)];
+    const Eigen::LLT<Eigen::MatrixXd> llt(block.a);
+    if (block.a.rows() == 0) continue;
+    if (llt.info() != Eigen::Success) return unanswerable(fmt::format("flat {} is not determined", flat - boards + 1));
+    const Eigen::MatrixXd half = llt.matrixL().solve(block.w);
+    s.noalias() -= half.transpose() * half;
+  }
+  for (int pose = 0; pose < boards; ++pose) {
     const BundleSystem one = with_pose(pose);
     const PoseBlock& block = one.blocks_[static_cast<std::size_t>(pose)];
     Eigen::MatrixXd i = one.shared_ - none.shared_;
@@ -540,8 +576,8 @@ Result<Eigen::MatrixXd> BundleSystem::jackknife(const Bundle& b) const {
     information.push_back(std::move(i));
     gradient.push_back(std::move(g));
   }
-  Eigen::MatrixXd moves(reported_, poses_);
-  for (int pose = 0; pose < poses_; ++pose) {
+  Eigen::MatrixXd moves(reported_, boards);
+  for (int pose = 0; pose < boards; ++pose) {
     const Eigen::MatrixXd rest = s - information[static_cast<std::size_t>(pose)];
     const Eigen::VectorXd scale = rest.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
     const Eigen::LLT<Eigen::MatrixXd> llt(scale.asDiagonal() * rest * scale.asDiagonal());
@@ -553,7 +589,7 @@ Result<Eigen::MatrixXd> BundleSystem::jackknife(const Bundle& b) const {
     moves.col(pose) = d.head(reported_);  // eq. 3
   }
   moves.colwise() -= Eigen::VectorXd(moves.rowwise().mean());
-  return Eigen::MatrixXd((poses_ - 1.0) / poses_ * moves * moves.transpose());
+  return Eigen::MatrixXd((boards - 1.0) / boards * moves * moves.transpose());
 }
 
 }  // namespace fringecal::calib

@@ -25,13 +25,15 @@ namespace fringecal::calib {
 
 /// Standard deviations of what scatters. A zero holds the quantity at its nominal value.
 struct Components {
-  double camera = 1, projector = 1;  // factors on the stated uncertainties of the readings
+  double camera = 1, projector = 1;  // factors on the stated uncertainties of the readings of corners
+  double flat = 1;                   // of those on flats
   double print_mm = 0;               // of each corner and coordinate, the same in all poses
   double relief_mm = 0;              // of each corner's height; only where print_mm is free too
   double bend_mm = 0;                // of each term of c_j (bundle.h, eq. 1), new in every pose
   double phase_offset = 0;           // of o_j, in the code's unit, new in every capture
   double pitch = 0;                  // relative, of the board
   double bow_mm = 0;                 // of each term of b
+  double flat_bow_mm = 0;            // of each term of f (bundle.h, eq. 2)
   double along_mm = 0;               // the projector's place along the fringes where one axis only is coded
 };
 
@@ -42,7 +44,7 @@ struct FreeTerms {
 };
 
 /// Which group a reading belongs to.
-enum class Group { camera, projector };
+enum class Group { camera, projector, flat };
 
 /// A whitened reading at the linearisation.
 struct Reading {
@@ -92,7 +94,7 @@ class BundleSystem {
   /// Covariance of the reported unknowns from what leaving out one pose at a time would change (one Newton step each from
   /// the linearisation), the jackknife over poses: (n - 1) / n sum_j (d_j - mean)(d_j - mean)^T,
   ///   d_j = (S - I_j)^-1 g'_j,  I_j, g'_j the pose's own part of S and of the reduced gradient in eq. 1           (3)
-  /// It needs no model of how the readings of one pose err together. [Efron1982] No result: a pose that nothing replaces.
+  /// Views of a flat are few and unlike the others: they stay. It needs no model of how the readings of one pose err together. [Efron1982] No result: a pose that nothing replaces.
   Result<Eigen::MatrixXd> jackknife(const Bundle& bundle) const;
 
   /// What the sights of a bundle say of the reported unknowns, those of its poses eliminated (S of eq. 1, without priors on
@@ -113,7 +115,8 @@ class BundleSystem {
   };
   void add_names(const Bundle& bundle);
   void add_priors(const Bundle& bundle);
-  double prior_cost(const Bundle& bundle) const;
+  double prior_cost(const Bundle& b) const;
+  static void hold_in_its_plane(const Rigid3& cam_from_flat, Eigen::MatrixXd& a);
   Eigen::Index print_column(std::size_t target) const {
     return static_cast<Eigen::Index>(dense_.size()) + per_target_ * static_cast<Eigen::Index>(target);
   }
@@ -121,7 +124,7 @@ class BundleSystem {
   FreeTerms free_;
   Components components_;
   double loss_scale_;
-  int poses_ = 0, targets_ = 0;
+  int poses_ = 0, flats_ = 0, targets_ = 0;
   Eigen::Index per_target_ = 2;
   bool one_axis_ = false;
   int along_column_ = -1;          // of rows::, held by a prior; -1: none

@@ -1,5 +1,6 @@
 #include "calib/calibrate.h"
 
+#include "calib/flat_witness.h"
 #include "calib/initialise.h"
 #include "calib/joint_solve.h"
 #include "calib/model/triangulate.h"
@@ -125,7 +126,7 @@ double grid_rms_mm(const Bundle& bundle) {
     std::vector<Eigen::Vector3d> measured, nominal;
     for (const Sight& s : bundle.sights) {
       const auto& u = axis == CodeAxis::x ? s.x : s.y;
-      if (static_cast<std::size_t>(s.pose) != pose || !u) continue;
+      if (static_cast<std::size_t>(s.pose) != pose || s.target == kOnFlat || !u) continue;
       const auto point = model::triangulate(bundle.camera, projector, bundle.proj_from_cam, axis, s.pixel, u->value);
       if (!point) continue;
       const Eigen::Vector2d& t = bundle.targets_mm[static_cast<std::size_t>(s.target)];
@@ -147,12 +148,15 @@ double grid_rms_mm(const Bundle& bundle) {
 /// L by default: the corners' mean distance along the projector's axis.
 double mean_distance_mm(const Bundle& bundle) {
   double sum = 0;
+  int count = 0;
   for (const Sight& s : bundle.sights) {
+    if (s.target == kOnFlat) continue;
+    ++count;
     const Eigen::Vector2d& t = bundle.targets_mm[static_cast<std::size_t>(s.target)];
     const auto& pose = bundle.cam_from_board[static_cast<std::size_t>(s.pose)];
     sum += (bundle.proj_from_cam * (pose * Eigen::Vector3d(t.x(), t.y(), 0))).z();
   }
-  return sum / static_cast<double>(bundle.sights.size());
+  return sum / count;
 }
 
 /// Root mean square of the stated uncertainties of the projector coordinates.
@@ -190,6 +194,9 @@ std::vector<model::Prior> priors_of(const Components& c, CodeAxis main) {
   }
   if (c.bow_mm > 0) {
     out.push_back({"board.bow_mm", 0.0, c.bow_mm, "two parabolas and a twist over the board's field"});
+  }
+  if (c.flat_bow_mm > 0) {
+    out.push_back({"flat.bow_mm", 0.0, c.flat_bow_mm, "two parabolas and a twist over the seen part of the flat"});
   }
   if (c.relief_mm > 0) {
     out.push_back({"board.relief_mm", 0.0, c.relief_mm,
@@ -256,13 +263,17 @@ void fill_observations(Scanner& scanner, std::span<const BoardObservation> obser
                        const SolveReport& report) {
   scanner.observations.assign(observations.begin(), observations.end());
   std::size_t k = 0;
-  for (auto& o : scanner.observations) {
-    for (auto& c : o.corners) {
-      const Sight& sight = bundle.sights[k++];
-      c.used = sight.used;
-      c.u_pixel_px = sight.u_pixel_px * report.components.camera;
-      if (c.x) c.x->u *= report.components.projector;
-      if (c.y) c.y->u *= report.components.projector;
+  for (auto* observed : {&scanner.observations, &scanner.flats}) {
+    const bool flat = observed == &scanner.flats;
+    const double factor = flat ? report.components.flat : report.components.projector;
+    for (auto& o : *observed) {
+      for (auto& c : o.corners) {
+        const Sight& sight = bundle.sights[k++];
+        c.used = sight.used;
+        if (!flat) c.u_pixel_px = sight.u_pixel_px * report.components.camera;
+        if (c.x) c.x->u *= factor;
+        if (c.y) c.y->u *= factor;
+      }
     }
   }
 }
@@ -365,6 +376,10 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
     settings.free.projector = options.projector_terms;
     method += name_of(settings.free.projector);
   }
+  if (!staged && !options.flats.empty()) {
+    if (const auto added = add_flats(bundle, options.flats); !added) return tl::unexpected(added.error());
+    settings.components.flat_bow_mm = options.u_flatness_mm;
+  }
   settings.pose_check = PoseCheck::yes;
   auto report = solve_bundle(bundle, settings);
   if (!report) return tl::unexpected(report.error());
@@ -386,6 +401,12 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
     method += fmt::format(
         "; board bow {:+.3f} mm along x, {:+.3f} mm along y, twist {:+.3f} mm, bent by {:.3f} mm from pose to pose",
         bundle.bow_mm.x(), bundle.bow_mm.y(), bundle.bow_mm.z(), report->components.bend_mm);
+  }
+  if (bundle.flats > 0) {
+    method +=
+        fmt::format("; {} views of a flat: u times {:.3g}, {:.2g} {} rms, bow {:+.4f} {:+.4f} mm, twist {:+.4f} mm",
+                    bundle.flats, report->components.flat, report->flat_rms, plan.code(main)->unit,
+                    bundle.flat_bow_mm.x(), bundle.flat_bow_mm.y(), bundle.flat_bow_mm.z());
   }
   if (report->components.phase_offset > 0) {
     method += fmt::format("; captures' phases offset by {:.2g} {} rms", report->components.phase_offset,
@@ -414,7 +435,13 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   scanner.method = method;
   scanner.board = board;
   scanner.board_corners_mm = estimated_corners(board, bundle);
-  scanner.cam_from_board = bundle.cam_from_board;
+  const auto first_flat = bundle.cam_from_board.end() - bundle.flats;
+  scanner.cam_from_board.assign(bundle.cam_from_board.begin(), first_flat);
+  scanner.cam_from_flat.assign(first_flat, bundle.cam_from_board.end());
+  if (bundle.flats > 0) {
+    scanner.flats = options.flats;
+    scanner.u_flatness_mm = options.u_flatness_mm;
+  }
   fill_observations(scanner, observations, bundle, *report);
   auto& r = scanner.residuals;
   r.camera_rms_px = report->camera_rms_px;
@@ -422,7 +449,9 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   r.projector_unit = plan.code(main)->unit;
   r.grid_rms_mm = grid_rms_mm(bundle);
   r.chi2_per_dof = report->chi2_per_dof;
-  for (const Sight& s : bundle.sights) ++(s.used ? r.corners_used : r.corners_rejected);
+  for (const Sight& s : bundle.sights) {
+    if (s.target != kOnFlat) ++(s.used ? r.corners_used : r.corners_rejected);
+  }
   r.poses = static_cast<int>(observations.size());
   r.iterations = report->iterations;
   scanner.provenance = provenance_now();

@@ -4,7 +4,8 @@
 //   camera      (px, py) - pi_cam(cam_from_board X_ij)                 / u_pixel     2 per corner           (1)
 //   projector   u - u_proj(proj_from_cam cam_from_board X_ij)          / u(u)        1 per corner and axis  (2)
 // over the camera (f, c, distortion), the projector (f, u0 per coded axis, distortion), proj_from_cam and the poses,
-// with the models of calib/model. Robust loss first; corners beyond 4 standard deviations are then listed and left out,
+// with the models of calib/model. Views of a flat plate, where there are any, are one plane each (flat_witness.h) and have (2)
+// at a grid of pixels. Robust loss first; corners beyond 4 standard deviations are then listed and left out,
 // and the clean problem is solved again. What the readings of one capture or one corner have in common (phase offset, bend
 // of the board, printing error, height) is estimated with its scatter (joint_solve.h), so that the covariance does not
 // average it away; the covariance is widened where the poses contradict it. It is linear but for the place of a one-axis
@@ -57,6 +58,10 @@ struct CalibrationOptions {
   // The board's bow (two parabolas, across x and y) is estimated with a prior of this share of the field's diagonal:
   // printed and glued boards bow by 0.2 to 1 per mille. 0: the board is taken as flat.
   double u_bow_relative = 1e-3;
+  // Views of a flat witness; joint method only. Its bow is estimated with the prior u_flatness_mm per term (flat_witness.h):
+  // of a plate certified to 5 um.
+  std::vector<model::BoardObservation> flats = {};
+  double u_flatness_mm = 0.003;
   std::optional<double> pixel_mm = {};             // passed on to the Scanner for the paper's parameters
   std::optional<double> working_distance_mm = {};  // L; by default the boards' mean distance along the projector's axis
 };

@@ -23,10 +23,13 @@ Result<std::pair<model::Scanner, model::Scanner>> solve_halves(const model::Scan
   how.camera_terms = terms_of(s.camera.distortion);
   how.projector_terms = terms_of(s.projector.distortion);
   how.working_distance_mm = s.working_distance_mm;
+  how.u_flatness_mm = s.u_flatness_mm;
   std::pair<model::Scanner, model::Scanner> out;
   for (const std::size_t half : {0U, 1U}) {
     std::vector<model::BoardObservation> poses;
     for (std::size_t i = half; i < s.observations.size(); i += 2) poses.push_back(s.observations[i]);
+    how.flats.clear();
+    for (std::size_t i = half; i < s.flats.size(); i += 2) how.flats.push_back(s.flats[i]);
     auto solved = calibrate(poses, *s.board, s.camera.width_px, s.camera.height_px, plan, how);
     if (!solved) {
       return unanswerable(

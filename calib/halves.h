@@ -1,7 +1,7 @@
 // Cross-validation: the calibration again on each half of its poses.
 //
-// Poses 1, 3, 5 .. and 2, 4, 6 .. of the Scanner's own observations (all corners, rejected ones too), the same terms, each
-// solved as calibrate() does. What the halves disagree about in the volume, beside what their covariances allow, is
+// Poses 1, 3, 5 .. and 2, 4, 6 .. of the Scanner's own observations (all corners, rejected ones too), and so the views of its
+// flat, the same terms, each solved as calibrate() does. What the halves disagree about in the volume, beside what their covariances allow, is
 // metrology/compare_scanners.h: the found and the predicted difference. Bias that all poses share (a wrong pitch) is in both
 // halves and does not show. No result: a Scanner without observations, fewer than six poses, a half that cannot be solved.
 #pragma once

@@ -23,7 +23,17 @@ constexpr double kAbsent = 0.03;
 // any error would drown the priors in rounding. The same holds for what scatters from capture to capture.
 constexpr double kLeastScale = 1e-3;
 
-std::size_t index_of(Group group) { return group == Group::camera ? 0 : 1; }
+constexpr std::size_t kGroups = 3;
+std::size_t index_of(Group group) { return static_cast<std::size_t>(group); }
+Group group_of(const Sight& s, std::size_t row) {
+  return row < 2 ? Group::camera : s.target == kOnFlat ? Group::flat : Group::projector;
+}
+
+/// Of row k of a sight.
+double standard_deviation(const Sight& s, std::size_t k, const Components& c) {
+  if (k < 2) return s.u_pixel_px * c.camera;
+  return (k == 2 ? s.x->u : s.y->u) * (s.target == kOnFlat ? c.flat : c.projector);
+}
 
 /// Every reading of the sights in use, or of those left out, whitened; no value where a point in use is not in front of
 /// a lens.
@@ -36,28 +46,27 @@ std::optional<std::vector<Reading>> readings_of(const Bundle& b, const Component
   for (std::size_t i = 0; i < b.sights.size(); ++i) {
     const Sight& s = b.sights[i];
     if (s.used != in_use) continue;
-    if (!rows::evaluate(b, frames[static_cast<std::size_t>(s.pose)], shapes[static_cast<std::size_t>(s.target)], s,
+    if (!rows::evaluate(b, frames[static_cast<std::size_t>(s.pose)], shapes[rows::shape_index(b, s)], s,
                         rows::With::residuals, r)) {
       if (in_use) return std::nullopt;
       continue;
     }
     for (std::size_t k = 0; k < 4; ++k) {
       if (!r.has[k]) continue;
-      const double sd = k < 2 ? s.u_pixel_px * c.camera : (k == 2 ? s.x->u : s.y->u) * c.projector;
-      const double whitened = r.row[k].residual / sd;
+      const double whitened = r.row[k].residual / standard_deviation(s, k, c);
       if (!std::isfinite(whitened)) return std::nullopt;
-      out.push_back({i, k < 2 ? Group::camera : Group::projector, whitened, 0.0});
+      out.push_back({i, group_of(s, k), whitened, 0.0});
     }
   }
   return out;
 }
 
 /// 1.4826 MAD about zero of each group, in units of the whitening.
-std::array<double, 2> robust_scales(const std::vector<Reading>& readings) {
-  std::array<std::vector<double>, 2> sizes;
+std::array<double, kGroups> robust_scales(const std::vector<Reading>& readings) {
+  std::array<std::vector<double>, kGroups> sizes;
   for (const Reading& r : readings) sizes[index_of(r.group)].push_back(std::abs(r.residual));
-  std::array<double, 2> out{1.0, 1.0};
-  for (const std::size_t g : {0U, 1U}) {
+  std::array<double, kGroups> out{1.0, 1.0, 1.0};
+  for (std::size_t g = 0; g < kGroups; ++g) {
     if (!sizes[g].empty()) out[g] = std::max(1.4826 * median(std::move(sizes[g])), 1e-9);
   }
   return out;
@@ -68,14 +77,14 @@ std::array<double, 2> robust_scales(const std::vector<Reading>& readings) {
 /// group's (`scale`, in units of the whitening) and of the sight's own pose, robustly: a pose that fits worse as a whole
 /// is no reason to keep only those of its corners that happen to fit.
 int reject(Bundle& bundle, const std::vector<Reading>& readings, const std::vector<Reading>& without,
-           const std::array<double, 2>& scale) {
+           const std::array<double, kGroups>& scale) {
   const auto size_of = [&](const Reading& r) {
     return std::abs(r.residual) / (scale[index_of(r.group)] * std::sqrt(std::max(1.0 - r.leverage, 0.05)));
   };
   const auto slot = [&](const Reading& r) {
-    return 2 * static_cast<std::size_t>(bundle.sights[r.sight].pose) + index_of(r.group);
+    return kGroups * static_cast<std::size_t>(bundle.sights[r.sight].pose) + index_of(r.group);
   };
-  std::vector<std::vector<double>> sizes(2 * bundle.cam_from_board.size());
+  std::vector<std::vector<double>> sizes(kGroups * bundle.cam_from_board.size());
   for (const Reading& r : readings) sizes[slot(r)].push_back(size_of(r));
   std::vector<double> limit;
   for (auto& s : sizes) {
@@ -174,8 +183,9 @@ class Solver {
   Bundle& bundle_;
   const SolveSettings& settings_;
   Components components_;
-  std::array<double, 2> least_{0.0, 0.0};   // the robust passes' scales
-  std::array<double, 2> judged_{1.0, 1.0};  // scales by which corners are rejected, in units of the whitening
+  std::array<double, kGroups> least_{0.0, 0.0, 0.0};  // the robust passes' scales
+  std::array<double, kGroups> judged_{1.0, 1.0,
+                                      1.0};  // scales by which corners are rejected, in units of the whitening
   int iterations_ = 0;
 };
 
@@ -240,6 +250,7 @@ bool Solver::robust_passes() {
     const auto spread = robust_scales(*now);
     components_.camera = std::max(components_.camera * spread[0], kLeastScale);
     components_.projector = std::max(components_.projector * spread[1], kLeastScale);
+    components_.flat = std::max(components_.flat * spread[2], kLeastScale);
     return true;
   };
   for (int pass = 0; pass < 3; ++pass) {
@@ -247,15 +258,15 @@ bool Solver::robust_passes() {
     rows::set_slopes(bundle_);
   }
   if (!rescale()) return false;
-  least_ = {components_.camera, components_.projector};
+  least_ = {components_.camera, components_.projector, components_.flat};
   const auto whitened = readings_of(bundle_, components_, true);
   if (!whitened) return false;
-  reject(bundle_, *whitened, {}, {1.0, 1.0});
+  reject(bundle_, *whitened, {}, {1.0, 1.0, 1.0});
   return true;
 }
 
 Result<bool> Solver::update_components(const BundleSystem::Posterior& posterior) {
-  std::array<double, 2> chi2{}, redundancy{}, count{};
+  std::array<double, kGroups> chi2{}, redundancy{}, count{};
   for (const Reading& r : posterior.readings) {
     const std::size_t g = index_of(r.group);
     chi2[g] += r.residual * r.residual;
@@ -263,12 +274,13 @@ Result<bool> Solver::update_components(const BundleSystem::Posterior& posterior)
     count[g] += 1;
   }
   bool settled = true;
-  double* const scales[] = {&components_.camera, &components_.projector};
-  for (const std::size_t g : {0U, 1U}) {
+  double* const scales[] = {&components_.camera, &components_.projector, &components_.flat};
+  constexpr std::array<const char*, kGroups> kNames = {"camera", "projector", "flat's"};
+  for (std::size_t g = 0; g < kGroups; ++g) {
     if (!(count[g] > 0)) continue;
     if (!(redundancy[g] >= 3.0)) {
       return unanswerable(fmt::format("{:.0f} {} readings leave {:.1f} degrees of freedom; capture more poses",
-                                      count[g], g == 0 ? "camera" : "projector", redundancy[g]));
+                                      count[g], kNames[g], redundancy[g]));
     }
     const double factor = std::sqrt(chi2[g] / redundancy[g]);  // eq. 2
     const double next = std::max(*scales[g] * factor, kLeastScale);
@@ -362,22 +374,22 @@ Result<SolveReport> Solver::report(const BundleSystem& system, BundleSystem::Pos
   if (settings_.pose_check == PoseCheck::yes) check_poses(system, posterior, out);
   out.components = components_;
   out.chi2 = system.cost(bundle_);
-  double squares[2] = {0, 0}, redundancy = 0, chi2 = 0;
-  int count[2] = {0, 0};
+  double squares[kGroups] = {}, redundancy = 0, chi2 = 0;
+  int count[kGroups] = {};
   for (const Reading& r : posterior.readings) {
     const Sight& s = bundle_.sights[r.sight];
-    const bool camera = r.group == Group::camera;
-    const auto& coordinate = bundle_.projector && bundle_.projector->x && s.x ? s.x : s.y;
-    const double sd = camera ? s.u_pixel_px * components_.camera : coordinate->u * components_.projector;
-    squares[camera ? 0 : 1] += std::pow(r.residual * sd, 2);
-    ++count[camera ? 0 : 1];
+    const bool camera = r.group == Group::camera, x = bundle_.projector && bundle_.projector->x && s.x;
+    const double sd = standard_deviation(s, camera ? 0 : x ? 2 : 3, components_);
+    squares[index_of(r.group)] += std::pow(r.residual * sd, 2);
+    ++count[index_of(r.group)];
     redundancy += 1.0 - r.leverage;
     chi2 += r.residual * r.residual;
   }
   out.camera_rms_px = std::sqrt(squares[0] / std::max(1, count[0]));
   out.projector_rms = std::sqrt(squares[1] / std::max(1, count[1]));
+  out.flat_rms = std::sqrt(squares[2] / std::max(1, count[2]));
   out.chi2_per_dof = chi2 / std::max(redundancy, 1.0);
-  out.residuals = count[0] + count[1];
+  out.residuals = count[0] + count[1] + count[2];
   out.parameters = system.lens_and_pose_unknowns();
   for (const Sight& s : bundle_.sights) out.n_rejected += s.used ? 0 : 1;
   out.iterations = iterations_;
@@ -447,7 +459,7 @@ Eigen::MatrixXd Solver::over_the_place_along(const BundleSystem& system, const E
 
 void Solver::check_poses(const BundleSystem& system, const BundleSystem::Posterior& posterior, SolveReport& out) const {
   const auto jackknife = system.jackknife(bundle_);
-  const double n = static_cast<double>(bundle_.cam_from_board.size());
+  const double n = static_cast<double>(bundle_.cam_from_board.size()) - bundle_.flats;
   // Without one of three poses the rest seldom determine anything; with them alone there is no scatter to judge by.
   if (!jackknife || n < 4) return;
   Eigen::MatrixXd& covariance = out.covariance.covariance;

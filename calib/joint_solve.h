@@ -57,7 +57,8 @@ struct SolveReport {
   double chi2 = 0;                              // eq. 1 at the solution, priors included
   double chi2_per_dof = 0;                      // of the readings, with the components as estimated
   int parameters = 0, residuals = 0;            // without what priors or components hold
-  double camera_rms_px = 0, projector_rms = 0;  // over the sights used; per coordinate; main axis
+  double camera_rms_px = 0, projector_rms = 0;  // over the corners used; per coordinate; main axis
+  double flat_rms = 0;                          // of the readings on flats
   int n_rejected = 0, iterations = 0;
   double newton_decrement = 0;                      // square root of eq. 3
   double pose_scatter = 0, pose_scatter_limit = 0;  // F of eq. 4 and what it may be; 0: not asked for, too few poses

@@ -1,6 +1,7 @@
 #include "calib/calibrate.h"
 #include "calib/board_detection.h"
 #include "calib/fit_chen2008.h"
+#include "calib/flat_witness.h"
 #include "calib/halves.h"
 #include "calib/linearise.h"
 #include "calib/stepped_board.h"
@@ -34,7 +35,7 @@ struct Options {
   CornerOptions corners;  // its fields that calibrate has too are filled in from here
   DistortionTerms camera_terms = DistortionTerms::automatic;
   DistortionTerms projector_terms = DistortionTerms::radial;
-  std::optional<double> pixel_mm, working_distance_mm;
+  std::optional<double> pixel_mm, working_distance_mm, flatness_mm;
   int min_poses = 3;
   calib::CalibrationMethod method = calib::CalibrationMethod::joint;
   calib::CameraStart start = calib::CameraStart::zhang;
@@ -204,6 +205,18 @@ std::optional<model::PhaseLinearisation> linearisation_from(const std::vector<st
   return fit ? std::optional(fit->table()) : std::nullopt;
 }
 
+/// The same captures as views of a plane.
+std::vector<model::BoardObservation> flat_views(const std::vector<std::filesystem::path>& flat,
+                                                const model::PhaseLinearisation* table) {
+  std::vector<model::BoardObservation> out;
+  for (const auto& folder : flat) {
+    auto view = calib::observe_flat(read_capture(folder), folder.filename().string(), table);
+    if (!view) throw InputError(fmt::format("{}: {}", folder.string(), view.error().sentence));
+    out.push_back(std::move(*view));
+  }
+  return out;
+}
+
 void run_on_corners(const Options& options) {
   CornerOptions o = options.corners;
   o.board = options.board;
@@ -237,6 +250,10 @@ void run(const Options& options) {
   how.start = options.start;
   how.min_poses = needed;
   if (options.flat_board) how.u_bow_relative = 0;
+  if (options.flatness_mm) {
+    how.u_flatness_mm = calib::u_flatness_mm(*options.flatness_mm);
+    how.flats = flat_views(options.flat, linearisation ? &*linearisation : nullptr);
+  }
   how.pixel_mm = options.pixel_mm;
   how.working_distance_mm = options.working_distance_mm;
   auto scanner = calib::calibrate(views.observations, board, views.width_px, views.height_px, views.plan, how);
@@ -356,9 +373,16 @@ void add_calibrate(CLI::App& app) {
   command->add_option("--history", options->history, "History to append the calibration to (made if it is not there)");
   command->add_option("--min-poses", options->min_poses, "Refuse with fewer poses than this (at least 3)")
       ->check(CLI::Range(3, 1000));
-  command->add_option("--flat", options->flat,
-                      "Captures of a plain flat board on the aligned instrument: the phase linearisation, kept in the "
-                      "Scanner file and used by measure, is measured on them");
+  auto* flat = command->add_option(
+      "--flat", options->flat,
+      "Captures of a plain flat board on the aligned instrument: the phase linearisation, kept in the "
+      "Scanner file and used by measure, is measured on them");
+  command
+      ->add_option(
+          "--flatness-mm", options->flatness_mm,
+          "Certified flatness of that board over the field: the same captures then calibrate as well, as planes")
+      ->check(CLI::PositiveNumber)
+      ->needs(flat);
   command->add_flag("--flat-board", options->flat_board, "Take the board as flat instead of estimating its bow");
   command->add_option("--report", options->report,
                       "HTML page to write: the uncertainty over the volume, what is left open, halves of the poses");

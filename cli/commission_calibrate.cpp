@@ -2,9 +2,11 @@
 #include "calib/board_detection.h"
 #include "calib/calibrate.h"
 #include "calib/fit_chen2008.h"
+#include "calib/flat_witness.h"
 #include "cli/behind.h"
 #include "cli/commission_steps.h"
 #include "core/error.h"
+#include "core/file.h"
 
 #include <fmt/format.h>
 
@@ -25,6 +27,20 @@ Value corner_places(const model::BoardObservation& observation, int width_px, in
 constexpr int kSoFarFrom = 5, kSoFarEvery = 5;
 constexpr const char* kSoFar = "calibration/so-far.json";
 
+/// The captures of the linearisation once more, each as a plane. What verifies the flatness later is captured then, and
+/// the flat put there anew.
+std::vector<model::BoardObservation> flat_views(const CommissionSession& session, CommissionScanner& instrument,
+                                                const model::PhaseLinearisation& linearisation) {
+  std::vector<model::BoardObservation> out;
+  for (int i = 0; i < kFlatStacks; ++i) {
+    const std::string name = flat_stack_name(i);
+    auto view = calib::observe_flat(instrument.capture(name, "alignment"), name, &linearisation);
+    if (!view) session.refuse_capture(name, view.error().sentence);
+    out.push_back(std::move(*view));
+  }
+  return out;
+}
+
 }  // namespace
 
 void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress) {
@@ -40,9 +56,17 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   options.working_distance_mm = sheet.working_distance_mm;
   const model::PhaseLinearisation linearisation = load_linearisation(session);
   std::vector<model::BoardObservation> observations;
+  if (sheet.flatness_mm) {
+    progress.start("calibrating, the flat board as a witness");
+    options.u_flatness_mm = calib::u_flatness_mm(*sheet.flatness_mm);
+    options.flats = flat_views(session, instrument, linearisation);
+  }
   int width_px = 0, height_px = 0;
   Value poses = Value::array();
   Provenance provenance = provenance_now();
+  for (const auto& flat : options.flats) {
+    provenance.inputs.emplace_back(flat.name, sha256_of_file(session.path(flat.name) / "capture.json"));
+  }
   Behind behind;
   for (int i = 0; i < kBoardPoses; ++i) {
     const std::string name = fmt::format("calibration/pose-{:02}", i);
@@ -90,10 +114,12 @@ void calibrate_step(const CommissionSession& session, CommissionScanner& instrum
   std::filesystem::remove(session.path(kSoFar));
   progress.done(Weights::solve);
   progress.finish_step(
-      fmt::format("calibrated from {} poses: camera rms {:.3f} px, projector rms {:.2g} {}, board "
+      fmt::format("calibrated from {} poses{}: camera rms {:.3f} px, projector rms {:.2g} {}, board "
                   "reproduced to {:.4f} mm rms",
-                  scanner.residuals.poses, scanner.residuals.camera_rms_px, scanner.residuals.projector_rms,
-                  scanner.residuals.projector_unit, scanner.residuals.grid_rms_mm));
+                  scanner.residuals.poses,
+                  scanner.flats.empty() ? "" : fmt::format(" and {} views of the flat", scanner.flats.size()),
+                  scanner.residuals.camera_rms_px, scanner.residuals.projector_rms, scanner.residuals.projector_unit,
+                  scanner.residuals.grid_rms_mm));
 }
 
 }  // namespace fringecal::cli

@@ -25,7 +25,7 @@ void linearise_step(const CommissionSession& session, CommissionScanner& instrum
   calib::LinearisationFit fit(CodeAxis::x);
   Behind behind;
   for (int i = 0; i < kFlatStacks; ++i) {
-    const std::string name = fmt::format("linearisation/stack-{}", i);
+    const std::string name = flat_stack_name(i);
     progress.start(fmt::format("linearising the phase, flat stack {} of {}", i + 1, kFlatStacks));
     behind.run([&, name, capture = instrument.capture(name, "alignment")] {
       const auto added = fit.add(capture, name, sha256_of_file(session.path(name) / "capture.json"));
@@ -48,6 +48,8 @@ void linearise_step(const CommissionSession& session, CommissionScanner& instrum
                   "stack to stack {:.1f} mrad of one and {:.1f} mrad of two cycles",
                   1e3 * largest, table.phase_steps, 1e3 * table.sd_offset, 1e3 * table.sd_conjugate));
 }
+
+std::string flat_stack_name(int number) { return fmt::format("linearisation/stack-{}", number); }
 
 model::PhaseLinearisation load_linearisation(const CommissionSession& session) {
   Fields f(session.load(kFile), session.path(kFile).string());

@@ -38,6 +38,8 @@ struct Weights {
 void align_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
 /// The periodic phase errors that stay, from stacks of the flat board on the aligned instrument.
 void linearise_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);
+/// Name of a capture of linearise_step, which calibrate_step looks at again.
+std::string flat_stack_name(int number);
 /// What linearise_step left.
 model::PhaseLinearisation load_linearisation(const CommissionSession& session);
 void calibrate_step(const CommissionSession& session, CommissionScanner& instrument, Progress& progress);

@@ -70,6 +70,8 @@ void run(const ImportOptions& o) {
   s.board_corners_mm.clear();
   s.observations.clear();
   s.cam_from_board.clear();
+  s.flats.clear();
+  s.cam_from_flat.clear();
   s.residuals = {.projector_unit = s.residuals.projector_unit};
   s.method =
       fmt::format("lenses from {}{}{}; no covariance", o.camera, o.projector.empty() ? "" : " and ", o.projector);

@@ -51,6 +51,7 @@ InstrumentSheet sheet_of(const virt::VirtualScanner& instrument, const Commissio
   sheet.working_distance_mm = instrument.design_working_distance_mm();
   sheet.pattern_pitch_mm = instrument.pattern_pitch_mm();
   sheet.plan = instrument.plan();
+  sheet.flatness_mm = instrument.certified_flatness_mm();
   sheet.board = instrument.certified_board("chessboard");
   sheet.scenes = {{"plane", {{"plane", ArtefactKind::plane, 0}}},
                   {"spheres",
@@ -76,6 +77,7 @@ InstrumentSheet read_sheet(const fs::path& file, const PatternPlan& plan, const 
   sheet.working_distance_mm = positive(fields, "working_distance_mm");
   sheet.pattern_pitch_mm = positive(fields, "pattern_pitch_mm");
   if (fields.has("mrad_per_division")) sheet.mrad_per_division = positive(fields, "mrad_per_division");
+  if (fields.has("flatness_mm")) sheet.flatness_mm = positive(fields, "flatness_mm");
   sheet.board = model::read_board(beside(file, fields.text("board")));
   const auto gauges = metrology::read_gauges(beside(file, fields.text("artefacts")));
   sheet.error_limit_mm = positive(fields, "error_limit_mm");

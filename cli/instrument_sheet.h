@@ -7,6 +7,7 @@
 //   working_distance_mm = 1000.0        # nominal, camera to the middle of the volume
 //   pattern_pitch_mm = 12.0             # neighbouring patterns along the slide, the grating's data sheet
 //   mrad_per_division = 0.5             # of the adjuster's scale; optional: then turns are told in divisions too
+//   flatness_mm = 0.005                 # of the flat board over the field, its certificate; optional: then it calibrates too
 //   board = "board.toml"                # as calibrate --board; this and the next beside the sheet, or absolute
 //   artefacts = "artefacts.toml"        # their certificates (metrology/artefact_file.h)
 //   error_limit_mm = 0.05               # acceptance: |mean diameter - certificate| ...
@@ -44,6 +45,7 @@ struct InstrumentSheet {
   std::string note;            // what it is, a sentence of the report; may be empty
   double pixel_mm = 0, working_distance_mm = 0, pattern_pitch_mm = 0;
   std::optional<double> mrad_per_division;
+  std::optional<double> flatness_mm;  // of the flat board; absent: not known, and no witness in the calibration
   PatternPlan plan;
   model::Board board;
   std::vector<VerificationScene> scenes;

@@ -251,6 +251,13 @@ void write_scanner(const std::filesystem::path& file, const Scanner& s) {
     for (const auto& corner : s.board_corners_mm) corners.append(Value::numbers(corner));
     out.set("board_corners_mm", corners);
   }
+  if (!s.flats.empty()) {
+    Value views = Value::array(), places = Value::array();
+    for (const auto& flat : s.flats) views.append(to_value(flat));
+    for (const auto& pose : s.cam_from_flat) places.append(to_value(pose));
+    out.set("flat_witness",
+            Value::object().set("u_flatness_mm", s.u_flatness_mm).set("cam_from_flat", places).set("views", views));
+  }
   out.set("cam_from_board", poses)
       .set("observations", observations)
       .set("provenance", fringecal::to_value(s.provenance));
@@ -290,6 +297,13 @@ Scanner read_scanner(const std::filesystem::path& file) {
   if (auto t = f.optional_table("phase_linearisation")) s.linearisation = phase_linearisation_from(*t);
   for (auto& pose : f.tables("cam_from_board")) s.cam_from_board.push_back(rigid_from(pose));
   for (auto& o : f.tables("observations")) s.observations.push_back(observation_from(o));
+  if (auto flat = f.optional_table("flat_witness")) {
+    s.u_flatness_mm = flat->number("u_flatness_mm");
+    for (auto& pose : flat->tables("cam_from_flat")) s.cam_from_flat.push_back(rigid_from(pose));
+    for (auto& o : flat->tables("views")) s.flats.push_back(observation_from(o));
+    flat->finish();
+    if (s.cam_from_flat.size() != s.flats.size()) flat->complain("'cam_from_flat' and 'views' must be as many");
+  }
   s.provenance = provenance_from(f.table("provenance"));
   f.finish();
   if (s.cam_from_board.size() != s.observations.size())

@@ -81,6 +81,10 @@ struct Scanner {
   std::vector<Eigen::Vector3d> board_corners_mm;
   std::vector<BoardObservation> observations;
   std::vector<Rigid3> cam_from_board;  // estimated poses, as `observations`
+  /// Views of a flat witness (calib/flat_witness.h): the code's coordinate at pixels of it, and its estimated poses.
+  std::vector<BoardObservation> flats;
+  std::vector<Rigid3> cam_from_flat;
+  double u_flatness_mm = 0;  // as it was told
   // The paper's closed form fitted to this scanner: eqs. 1 to 20, and eqs. 1 to 17 alone. Absent: not fitted.
   std::optional<FittedChen2008> paper_model, paper_ideal_model;
   std::optional<PhaseLinearisation> linearisation;  // absent: not measured

@@ -238,6 +238,7 @@ void read_small_tables(Fields& f, Preset& p) {
   Fields flat = f.table("flat_board");
   p.flat_board_width_mm = positive(flat, "width_mm");
   p.flat_board_height_mm = positive(flat, "height_mm");
+  p.flat_board_flatness_mm = positive(flat, "flatness_mm");
   flat.finish();
   Fields artefacts = f.table("artefacts");
   const bool with_bar = artefacts.has("bar");

@@ -58,7 +58,7 @@ struct Preset {
     double white_margin_pitches, black_albedo, dot_diameter_pitches, u_print_mm, bow_mm, u_pitch_relative;
     BoardSize chessboard, circles;
   } boards;
-  double flat_board_width_mm, flat_board_height_mm;
+  double flat_board_width_mm, flat_board_height_mm, flat_board_flatness_mm;
   struct Artefact {
     double nominal_mm, making_mm, u_mm, expansion_per_K;
   };

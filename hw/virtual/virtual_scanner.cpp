@@ -228,6 +228,8 @@ CameraData VirtualScanner::camera_data() const {
   return {c.width_px, c.height_px, c.bits, c.exposure_ms};
 }
 double VirtualScanner::pixel_mm() const { return instance_->preset.camera.pixel_mm; }
+
+double VirtualScanner::certified_flatness_mm() const { return instance_->preset.flat_board_flatness_mm; }
 double VirtualScanner::design_working_distance_mm() const { return instance_->preset.geometry.working_distance_mm; }
 int VirtualScanner::calibration_scenes() const { return static_cast<int>(instance_->preset.calibration.places.size()); }
 

@@ -105,6 +105,8 @@ class VirtualScanner {
   CameraData camera_data() const;
   /// Sensor data sheet: side of a pixel.
   double pixel_mm() const;
+  /// Of the flat board, as its certificate has it.
+  double certified_flatness_mm() const;
   double design_working_distance_mm() const;
 
   /// A calibration board of this instance: printing errors drawn once, the certified pitch what its certificate says.

@@ -35,12 +35,14 @@ class OperatedCommission : public testing::Test {
                               board.columns, board.rows, board.pitch_x_mm, board.pitch_y_mm, board.u_print_mm,
                               board.u_pitch_relative));
     scratch.write("artefacts.toml", metrology::to_toml(cli::gauges_of(maker, kInstrument)));
-    scratch.write("instrument.toml",
-                  fmt::format("name = 'scanner 3, hall 2'\npixel_mm = {}\nworking_distance_mm = {}\npattern_pitch_mm = "
-                              "{}\nmrad_per_division = 0.5\nboard = 'board.toml'\nartefacts = 'artefacts.toml'\n"
-                              "error_limit_mm = 0.06\nform_limit_mm = 0.06\n[[scene]]\nname = 'spheres'\n"
-                              "artefacts = ['sphere50', 'sphere38', 'sphere30']\n",
-                              maker.pixel_mm(), maker.design_working_distance_mm(), maker.pattern_pitch_mm()));
+    scratch.write(
+        "instrument.toml",
+        fmt::format(
+            "name = 'scanner 3, hall 2'\npixel_mm = {}\nworking_distance_mm = {}\npattern_pitch_mm = "
+            "{}\nmrad_per_division = 0.5\nflatness_mm = 0.005\nboard = 'board.toml'\nartefacts = 'artefacts.toml'\n"
+            "error_limit_mm = 0.06\nform_limit_mm = 0.06\n[[scene]]\nname = 'spheres'\n"
+            "artefacts = ['sphere50', 'sphere38', 'sphere30']\n",
+            maker.pixel_mm(), maker.design_working_distance_mm(), maker.pattern_pitch_mm()));
     scanner_ = std::make_unique<RunningProgram>(
         std::vector<std::string>{"virtual", "--preset", preset_.file(), "--seed", std::to_string(kInstrument),
                                  "--address", "127.0.0.119", "--scanner-file", (scratch / "scanner.toml").string()});
