@@ -155,15 +155,18 @@ PlacedCamera from_opencv(const std::filesystem::path& file, const std::string& b
       const cv::FileNode node = storage[key];
       if (node.empty()) return m;
       // OpenCV allocates what the file announces before it looks at the numbers.
-      const cv::FileNode rows = node["rows"], columns = node["cols"], type = node["dt"], data = node["data"];
-      const auto is_side = [](const cv::FileNode& n) {
-        return n.isInt() && static_cast<int>(n) >= 0 && static_cast<int>(n) <= kMostTerms;
+      const cv::FileNode type = node["dt"], data = node["data"];
+      const auto side = [&](const char* name) -> std::size_t {
+        const cv::FileNode n = node[name];
+        const int value = n.isInt() ? static_cast<int>(n) : -1;
+        if (value < 0 || value > kMostTerms) refuse(file, fmt::format("'{}' of '{}' is no matrix' side", name, key));
+        return static_cast<std::size_t>(value);
       };
-      if (!is_side(rows) || !is_side(columns) || !type.isString() || type.string().size() != 1 || !data.isSeq() ||
-          data.size() != static_cast<std::size_t>(static_cast<int>(rows) * static_cast<int>(columns))) {
+      const std::size_t terms = side("rows") * side("cols");
+      if (!type.isString() || type.string().size() != 1 || !data.isSeq() || data.size() != terms) {
         refuse(file, fmt::format("'{}' must be a matrix of single numbers, as many as its rows and cols say", key));
       }
-      if (data.size() > 0) node >> m;
+      if (terms > 0) node >> m;
       if (m.empty()) return m;
       m.convertTo(m, CV_64F);
       return m;

@@ -54,11 +54,12 @@ Value from(const toml::node& node) {
   return Value(text.str());
 }
 
-constexpr int kDeepest = 256;  // the readers recurse once per level
+constexpr int kDeepest = 256;      // the readers recurse once per level
+constexpr int kMostKeys = 10'000;  // of one object: each is looked for among those before it
 
-/// How deep arrays and objects stand in one another, brackets in strings not counted.
-int nesting(std::string_view json) {
-  int depth = 0, deepest = 0;
+/// Refuses what would break the stack or take for ever. Brackets and colons in strings do not count.
+void refuse_endless(std::string_view json, const std::string& name) {
+  std::vector<int> keys(1);  // of the object open at each level
   bool in_text = false;
   for (std::size_t k = 0; k < json.size(); ++k) {
     const char c = json[k];
@@ -68,34 +69,17 @@ int nesting(std::string_view json) {
     } else if (c == '"') {
       in_text = true;
     } else if (c == '[' || c == '{') {
-      deepest = std::max(deepest, ++depth);
-    } else if (c == ']' || c == '}') {
-      --depth;
+      keys.push_back(0);
+      if (keys.size() > kDeepest + 1) {
+        throw InputError(fmt::format("{}: nested deeper than {}; no file of ours is", name, kDeepest));
+      }
+    } else if ((c == ']' || c == '}') && keys.size() > 1) {
+      keys.pop_back();
+    } else if (c == ':' && ++keys.back() > kMostKeys) {
+      throw InputError(fmt::format("{}: an object with more than {} keys; no file of ours has one", name, kMostKeys));
     }
   }
-  return deepest;
 }
-
-constexpr int kMostKeys = 10'000;  // of one object: each is looked for among those before it
-
-/// Counts the keys of every object while it is read.
-class KeyCount {
- public:
-  explicit KeyCount(const std::string& name) : name_(name) {}
-  bool operator()(int depth, nlohmann::json::parse_event_t event, const nlohmann::ordered_json&) {
-    const auto level = static_cast<std::size_t>(depth);
-    if (counts_.size() <= level + 1) counts_.resize(level + 2);
-    if (event == nlohmann::json::parse_event_t::object_start) counts_[level + 1] = 0;
-    if (event == nlohmann::json::parse_event_t::key && ++counts_[level] > kMostKeys) {
-      throw InputError(fmt::format("{}: an object with more than {} keys; no file of ours has one", name_, kMostKeys));
-    }
-    return true;
-  }
-
- private:
-  const std::string& name_;
-  std::vector<int> counts_;
-};
 
 constexpr int kMostDots = 8;  // in one key: each is a table in a table, to which toml++ sets no bound
 
@@ -201,11 +185,9 @@ const Value* Value::find(std::string_view key) const {
 }
 
 Value parse_json(std::string_view text, const std::string& name) {
-  if (nesting(text) > kDeepest) {
-    throw InputError(fmt::format("{}: nested deeper than {}; no file of ours is", name, kDeepest));
-  }
+  refuse_endless(text, name);
   try {
-    return from(nlohmann::ordered_json::parse(text, KeyCount(name)));
+    return from(nlohmann::ordered_json::parse(text));
   } catch (const nlohmann::json::parse_error& e) {
     const std::size_t end = std::min(e.byte, text.size());
     const auto line = 1 + std::count(text.begin(), text.begin() + static_cast<std::ptrdiff_t>(end), '\n');
