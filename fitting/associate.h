@@ -67,12 +67,38 @@ Surface surface_in_frame(const Surface& surface_mm, const FramedPoints& framed) 
   return surface_mm.transformed(1.0 / framed.scale_mm, -framed.origin_mm / framed.scale_mm);
 }
 
-/// What a consensus gives: the surface, and how near to it a point belongs to it. In mm.
+/// From here on a sample finds the frame and a start, and few passes over all points the minimum.
+constexpr std::size_t kMany = 5000;
+
+/// What a consensus gives: the surface, and how near to it a point belongs to it. In mm, or the frame's lengths.
 template <class Surface>
 struct Consensus {
   Surface surface;
-  double tolerance_mm;
+  double tolerance;
 };
+
+/// A consensus of the frame's lengths, in mm, after a step with more of many points: so near to the end of a rejection that
+/// it mostly needs one round over all points.
+template <class Shape>
+Consensus<typename Shape::Surface> nearer(Consensus<typename Shape::Surface> found, const FramedPoints& framed,
+                                          Random& random) {
+  using Surface = typename Shape::Surface;
+  constexpr double kPart = 6.0, kMost = 5000.0;  // most: what memory that is kept between calls holds
+  if (framed.n >= static_cast<double>(kMany)) {
+    const auto sample = sample_in_frame(framed, static_cast<std::size_t>(std::min(framed.n / kPart, kMost)), random);
+    Distances d(sample.size());
+    FramedPoints kept = as_they_are(sample);
+    lean_normal_equations(found.surface, kept, d.data(), KernelSumsWanted::all_but_matrix);
+    const UsedBits used = within(d, found.tolerance);
+    kept.weights.used = used.data();
+    kept.n = static_cast<double>(count_used(used));
+    const auto at = lean_normal_equations(found.surface, kept, nullptr, KernelSumsWanted::all);
+    const auto newton = newton_step<Surface::kParameters>(at, false);
+    // A step longer than the scatter is no refinement.
+    if (newton && -newton->x.dot(at.jtd) < at.f) found.surface = Shape::convex(found.surface.moved(newton->x));
+  }
+  return {surface_in_mm(found.surface, framed), found.tolerance * framed.scale_mm};
+}
 
 /// The fast way for scans that show little else than the shape: least squares of a sample, or of a few points of it,
 /// repeated without the points beyond 2.5 robust deviations. Believed only where three quarters of the sample agree with
@@ -131,7 +157,7 @@ std::optional<Consensus<typename Shape::Surface>> quick_consensus(const CentredP
     const CentredPoints centre = centred(near, {}, near.size());
     const double size2 = centre.axes.values[Surface::kParameters > 3 ? 0 : 1] / centre.framed.n;
     if (!(sigma <= kScatter * centre.framed.scale_mm * std::sqrt(size2))) continue;
-    return Consensus<Surface>{surface_in_mm(*surface, points.framed), 3.5 * sigma * points.framed.scale_mm};
+    return nearer<Shape>({.surface = *surface, .tolerance = 3.5 * sigma}, points.framed, random);
   }
   return std::nullopt;
 }
@@ -219,9 +245,6 @@ Minimum<Surface> minimum_in_mm(const Minimum<Surface>& minimum, const FramedPoin
   out.f *= framed.scale_mm * framed.scale_mm;
   return out;
 }
-
-/// From here on a sample finds the frame and a start, and few passes over all points the minimum.
-constexpr std::size_t kMany = 5000;
 
 /// The frame of a sample; the axes and sums of squares are those of the sample, which are less than those of all points.
 inline CentredPoints centred_by_sample(Points points_mm, const PointWeights& weights, std::size_t n_used) {
@@ -373,7 +396,8 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
           lean_normal_equations(surface_in_frame(*start, all), all, distances_mm, KernelSumsWanted::all_but_matrix);
       const double farthest_mm = std::max(sums.largest, -sums.smallest);
       if (!(std::isfinite(sums.f) && farthest_mm < 1e100)) return unanswerable(why_not_finite(points_mm));
-      used = within(quality.distances_mm, found->tolerance_mm);
+      used = settled_within_robust_deviation(quality.distances_mm, within(quality.distances_mm, found->tolerance),
+                                             rounding_mm);
     }
   }
   int reweights = 0;
@@ -420,10 +444,13 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
     quality.standard_deviation_mm = standard_deviation(f, n_used, m);
     if (options.rejection != Rejection::none && round < kRounds) {
       if (used.empty()) used = all_used(n);
-      UsedBits next = options.rejection == Rejection::vdi_2634
-                          ? within_three_deviations(quality.distances_mm, quality.standard_deviation_mm)
-                          : settled_within_robust_deviation(quality.distances_mm, used, rounding_mm);
+      UsedBits next =
+          options.rejection == Rejection::vdi_2634
+              ? within_three_deviations(quality.distances_mm, quality.standard_deviation_mm)
+              : within_robust_deviation(quality.distances_mm, used, rounding_mm, quality.standard_deviation_mm);
       if (next != used && next != before && !(robust && is_settled(used, next))) {
+        // Eq. 2 settles on these distances first: a descent costs more than a median.
+        if (robust) next = settled_within_robust_deviation(quality.distances_mm, next, rounding_mm);
         before = std::move(used);
         used = std::move(next);
         continue;

@@ -27,9 +27,9 @@ std::vector<Eigen::Vector3d> spread_sample(Points points, const PointWeights& we
   constexpr std::size_t kAhead = 24;  // places asked of the memory before they are needed: it has some 100 ns to answer
   std::vector<Eigen::Vector3d> out;
   const std::size_t n = points.size();
-  out.reserve(std::min(n, count));
   const auto is_free = [&](std::size_t i) { return !weights.used || (weights.used[i / 8] >> (i % 8) & 1) != 0; };
   if (n <= count) {
+    out.reserve(n);
     for (std::size_t i = 0; i < n; ++i) {
       if (is_free(i)) out.push_back(points[i]);
     }
@@ -39,19 +39,23 @@ std::vector<Eigen::Vector3d> spread_sample(Points points, const PointWeights& we
     std::size_t start, end;
   };
   std::vector<Stretch> stretches(count);
-  for (std::size_t c = 0, first = 0; c < count; ++c) {
-    const std::size_t end = (c + 1) * n / count;
+  const std::size_t step = n / count, rest = n % count;
+  for (std::size_t c = 0, first = 0, over = 0; c < count; ++c) {  // first = c n / count, without a division
+    over += rest;
+    const std::size_t end = first + step + (over >= count ? 1 : 0);
+    if (over >= count) over -= count;
     stretches[c] = {first + random.below(end - first), end};
     first = end;
   }
+  out.resize(count);
+  std::size_t taken = 0;
   for (std::size_t c = 0; c < count; ++c) {
     if (c + kAhead < count) __builtin_prefetch(&points[stretches[c + kAhead].start]);
-    for (std::size_t i = stretches[c].start; i < stretches[c].end; ++i) {
-      if (!is_free(i)) continue;
-      out.push_back(points[i]);
-      break;
-    }
+    std::size_t i = stretches[c].start;
+    while (i < stretches[c].end && !is_free(i)) ++i;
+    if (i < stretches[c].end) out[taken++] = points[i];
   }
+  out.resize(taken);
   return out;
 }
 
@@ -127,7 +131,7 @@ bool is_settled(const UsedBits& now, const UsedBits& next) {
   std::transform(now.begin(), now.end(), next.begin(), differing.begin(),
                  [](std::uint8_t a, std::uint8_t b) { return static_cast<std::uint8_t>(a ^ b); });
   const double n = 8.0 * static_cast<double>(now.size());
-  return static_cast<double>(count_used(differing)) <= 0.01 * std::sqrt(n);
+  return static_cast<double>(count_used(differing)) <= 0.02 * std::sqrt(n);
 }
 
 UsedBits within(std::span<const double> distances_mm, double limit_mm) { return marked_within(distances_mm, limit_mm); }
@@ -148,16 +152,21 @@ std::optional<double> median_between(std::span<const double> distances_mm, const
 
 }  // namespace
 
-double median_size(std::span<const double> distances_mm, const UsedBits& used) {
+double median_size(std::span<const double> distances_mm, const UsedBits& used, std::optional<double> expected) {
+  constexpr double kAround = 0.03;
   constexpr std::size_t kFew = 2000, kLeast = 1024, kMost = 8192;
   constexpr double kAll = std::numeric_limits<double>::max();
   const std::size_t n = count_used(used);
   require(n > 0, "a median is taken of some points");
+  if (n > kFew && expected) {
+    const double low = (1.0 - kAround) * *expected, high = (1.0 + kAround) * *expected;
+    if (const auto median = median_between(distances_mm, used, n, low, high)) return *median;
+  }
   if (n > kFew) {
     // One pass: what lies below an interval that holds the median, by a sample, is counted and what lies in it
     // collected. Three standard deviations of the sample's quantile on either side.
     std::vector<double> some;
-    const std::size_t step = distances_mm.size() / std::clamp(distances_mm.size() / 16, kLeast, kMost);
+    const std::size_t step = distances_mm.size() / std::clamp(distances_mm.size() / 32, kLeast, kMost);
     some.reserve(distances_mm.size() / step + 1);
     for (std::size_t i = 0; i < distances_mm.size(); i += step) {
       if (is_used(used, i)) some.push_back(std::abs(distances_mm[i]));
@@ -177,8 +186,11 @@ double median_size(std::span<const double> distances_mm, const UsedBits& used) {
   return *median;
 }
 
-UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm) {
-  return within(distances_mm, std::max(kLimit * median_size(distances_mm, used), rounding_mm));  // eq. 2
+UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm,
+                                 std::optional<double> expected_sigma_mm) {
+  if (expected_sigma_mm) *expected_sigma_mm /= 1.4826;
+  const double median = median_size(distances_mm, used, expected_sigma_mm);
+  return within(distances_mm, std::max(kLimit * median, rounding_mm));  // eq. 2
 }
 
 UsedBits settled_within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used,

@@ -5,8 +5,8 @@
 // is so with probability p(t) = t / size of the scan. The best surface has the least
 //   ln NFA = min over t of  ln C(n, k(t)) + (k(t) - m) ln p(t)                                                 (1)
 // (a-contrario RANSAC [MoisanStival2004]): many points at a small tolerance, without a tolerance that must be given.
-// Then, on all points, until the set is the same, or the one before the last, or changes by at most sqrt(n) / 100 points
-// (each stands 3.5 sigma off, so together they move the surface by less than a twentieth of its standard uncertainty):
+// Then, on all points, until the set is the same, or the one before the last, or changes by at most sqrt(n) / 50 points
+// (each stands 3.5 sigma off, so together they move the surface by less than a tenth of its standard uncertainty):
 //   sigma = 1.4826 median |d| over the points used;  used = { |d| <= 3.5 sigma }                               (2)
 // (1.4826: the ratio of standard deviation and MAD of a normal distribution.)
 #pragma once
@@ -55,11 +55,14 @@ std::size_t count_used(const UsedBits& bits);
 /// The points within `limit_mm`.
 UsedBits within(std::span<const double> distances_mm, double limit_mm);
 
-/// Median of |d| over the points used.
-double median_size(std::span<const double> distances_mm, const UsedBits& used);
+/// Median of |d| over the points used. expected: where it is found with the least work, if it is within 3 % of that.
+double median_size(std::span<const double> distances_mm, const UsedBits& used,
+                   std::optional<double> expected = std::nullopt);
 
-/// The points within 3.5 sigma, eq. 2. rounding_mm: a distance that rounding explains is never beyond.
-UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm);
+/// The points within 3.5 sigma, eq. 2. rounding_mm: a distance that rounding explains is never beyond. expected_sigma_mm:
+/// as in median_size().
+UsedBits within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used, double rounding_mm,
+                                 std::optional<double> expected_sigma_mm = std::nullopt);
 
 /// The same, repeated on these distances until the set stays as it is: as good as a descent for each, and less work.
 UsedBits settled_within_robust_deviation(std::span<const double> distances_mm, const UsedBits& used,

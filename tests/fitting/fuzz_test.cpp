@@ -179,7 +179,7 @@ Input input_of(int number) {
 // point far off (twice), where the sum of squares no longer shows the step along a bent valley; a radius that is hardly
 // above rounding.
 TEST(FitAll, ReturnStationaryPointsOrReasonsWhereTheShapeIsHardlyDetermined) {
-  for (const int number : {21517, 23040, 136392, 29261}) {
+  for (const int number : {21517, 23040, 136392, 29261, 816260}) {
     const Input input = input_of(number);
     EXPECT_EQ(problem_of(input.cloud, input.rejection), "") << "input " << number;
   }

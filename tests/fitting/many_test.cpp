@@ -123,8 +123,8 @@ TEST(FitManyPoints, OnePointFarOffIsNotOverlooked) {
 TEST(RejectionRobust, IsSettledWhereTheNextSetIsOfNoConsequence) {
   const UsedBits all = all_used(1000000);
   UsedBits next = all;
-  for (std::size_t i = 0; i < 10; ++i) next[1000 * i] = 0xfe;
-  EXPECT_TRUE(is_settled(all, next));  // ten points of a million: sqrt(n) / 100
+  for (std::size_t i = 0; i < 20; ++i) next[1000 * i] = 0xfe;
+  EXPECT_TRUE(is_settled(all, next));  // twenty points of a million: sqrt(n) / 50
   next[50001] = 0xfe;
   EXPECT_FALSE(is_settled(all, next));
   UsedBits few = all_used(1000);
