@@ -1,7 +1,9 @@
 // A camera from views of a board, k1 and k2, set-up and start included: ours, mrcal (k1, k2, p1, p2: it has no radial
-// model) and cv::calibrateCamera (its default of 30 iterations), side by side.
+// model) and cv::calibrateCamera (its default of 30 iterations), side by side. px_from_tight: how far our solution's corners
+// lie at most from those of a solve to the rounding (tests/calib/tight_camera_solve.h).
 #include "calib/other_solvers.h"
 #include "tests/calib/synthetic_board_views.h"
+#include "tests/calib/tight_camera_solve.h"
 
 #include <benchmark/benchmark.h>
 
@@ -28,6 +30,9 @@ void BM_Ours(benchmark::State& state) {
     if (!found) state.SkipWithError(found.error().sentence.c_str());
     benchmark::DoNotOptimize(found);
   }
+  const auto found = calib::solve_camera(views, 1392, 1040, {});
+  const auto tight = test::tight_camera_solve(views, 1392, 1040);
+  if (found && tight) state.counters["px_from_tight"] = test::distance_px(*found, *tight, views);
 }
 void BM_Mrcal(benchmark::State& state) {
   const Size s = size_of(state);

@@ -3,6 +3,7 @@
 
 #include "calib/other_solvers.h"
 #include "tests/calib/synthetic_board_views.h"
+#include "tests/calib/tight_camera_solve.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -94,6 +95,16 @@ TEST(CameraSolve, FindsTheSameOptimumAsOpenCvAndMrcal) {
   EXPECT_LE(radial->squares_px2, cv_radial.squares_px2 * (1 + 1e-12));
   EXPECT_LE(four->squares_px2, cv_four.squares_px2 * (1 + 1e-12));
   EXPECT_LE(four->squares_px2, mrcal.squares_px2 * (1 + 1e-12));
+}
+
+TEST(CameraSolve, LiesWithin1e8PxOfATightReferenceSolve) {
+  const auto views = test::planar_views(20, 10, 10, 22, 0.1);
+  const auto found = solve_camera(views, 1392, 1040, {});
+  const auto tight = test::tight_camera_solve(views, 1392, 1040);
+  ASSERT_TRUE(found && tight);
+  const double apart = test::distance_px(*found, *tight, views);
+  std::printf("corners as projected by both: %.2g px apart at most\n", apart);
+  EXPECT_LT(apart, 1e-8);
 }
 
 TEST(CameraSolve, IsTheSameToTheLastBitWithOneThreadAndTwo) {
