@@ -278,6 +278,16 @@ void fill_observations(Scanner& scanner, std::span<const BoardObservation> obser
   }
 }
 
+/// The pose most of whose corners were left out, in words; nothing where none was.
+std::string worst_pose(const Bundle& bundle, std::span<const BoardObservation> observations) {
+  std::vector<int> left_out(observations.size(), 0);
+  for (const Sight& s : bundle.sights) left_out[static_cast<std::size_t>(s.pose)] += s.used ? 0 : 1;
+  const auto worst = std::max_element(left_out.begin(), left_out.end());
+  if (*worst == 0) return "";
+  const auto& o = observations[static_cast<std::size_t>(worst - left_out.begin())];
+  return fmt::format("; look at {} first: {} of its {} corners do not fit", o.name, *worst, o.corners.size());
+}
+
 /// bundle.h, eq. 1, at the solution.
 std::vector<Eigen::Vector3d> estimated_corners(const model::Board& board, const Bundle& bundle) {
   std::vector<Eigen::Vector3d> out;
@@ -420,8 +430,8 @@ Result<Scanner> calibrate(std::span<const BoardObservation> observations, const 
   if (report->widened > 1) {
     method += fmt::format(
         ", so all standard uncertainties are widened by {:.1f}: the poses do not agree with one rigid "
-        "board and one scanner",
-        report->widened);
+        "board and one scanner{}",
+        report->widened, worst_pose(bundle, observations));
   }
 
   Scanner scanner;

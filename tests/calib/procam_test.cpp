@@ -165,6 +165,17 @@ TEST_F(Procam, ProjectorLiesWithinThreeOfItsOwnUncertaintiesOfBothDirectionsToge
   }
 }
 
+TEST_F(Procam, JointAndPlainCameraDifferByWhatBothAreUncertainBy) {
+  // A board that contradicts itself: plain least squares puts what the board bends into f, and its own poses scatter f by
+  // 1 %; both say so, and the joint solve names the pose with the crease (pose_1).
+  const auto joint = solve({.camera_terms = DistortionTerms::radial}),
+             plain = solve({.camera_terms = DistortionTerms::radial, .method = CalibrationMethod::staged});
+  ASSERT_TRUE(joint && plain);
+  const double u = std::hypot(*joint->uncertainty.u("camera.fx_px"), *plain->uncertainty.u("camera.fx_px"));
+  EXPECT_LT(std::abs(joint->camera.fx_px - plain->camera.fx_px), 2 * u);
+  EXPECT_THAT(joint->method, ::testing::HasSubstr("look at pose_1 first")) << joint->method;
+}
+
 TEST_F(Procam, RobustJointSolveReproducesTheGrid) {
   const auto found = solve({});
   ASSERT_TRUE(found) << found.error().sentence;

@@ -3,6 +3,7 @@
 // FRINGECAL_LONG=1: 400 repeats instead of 24.
 #include "calib/stepped_board.h"
 
+#include "calib/reference_phase.h"
 #include "core/parallel.h"
 #include "tests/metrology/exact_phase_map.h"
 #include "tests/support/long_tests.h"
@@ -177,6 +178,38 @@ TEST(SteppedBoard, DiffersFromTheFullModelByWhatBothAreUncertainBy) {
   // A longer f shrinks p_R = L p / f: by 0.04 / 32 at the same L, and u(f) of half of that is in the computed one.
   EXPECT_LT(found->computed.values[3], found->direct.values[3]);
   EXPECT_GT(found->computed.covariance(3, 3), 0);
+}
+
+TEST(ReferencePhase, IsNotMisledByThePrintsEdges) {
+  // A phase in perspective over a chessboard of 40 px squares; within 2 px of an edge it is read 0.05 rad too large, as it is
+  // where blur mixes dark and bright. Without noise what is left is the truncation at degree 7, 0.03^8 of 150 rad, and the
+  // float of the map, 1.5e-5 rad at 150 rad, averaged.
+  decode::PhaseMap map;
+  map.code = {.gray_bits = 7, .phase_steps = 4, .stripes_per_period = 2, .period = 0.24, .unit = "mm"};
+  constexpr int kWidth = 600, kHeight = 500;
+  map.phase_rad = map.mean = map.u_phase_rad = Image<float>(kWidth, kHeight);
+  map.validity = Image<std::uint8_t>(kWidth, kHeight);
+  const auto truth = [](double x, double y) { return 0.25 * x / (1 + 1e-4 * x + 5e-5 * y); };
+  for (int y = 0; y < kHeight; ++y) {
+    for (int x = 0; x < kWidth; ++x) {
+      const bool edge = std::min(x % 40, 39 - x % 40) < 2 || std::min(y % 40, 39 - y % 40) < 2;
+      const bool white = (x / 40 + y / 40) % 2 == 0;
+      map.mean(x, y) = white ? 150.0F : 20.0F;
+      map.u_phase_rad(x, y) = white ? 0.01F : 0.2F;
+      map.phase_rad(x, y) = static_cast<float>(truth(x, y) + (edge ? 0.05 : 0.0));
+    }
+  }
+  const auto found = ReferencePhase::fit(map);
+  ASSERT_TRUE(found) << found.error().sentence;
+  int covered = 0;
+  for (int y = 20; y < kHeight - 20; y += 13) {
+    for (int x = 20; x < kWidth - 20; x += 13) {
+      if (!found->covers(Vector2d(x, y))) continue;
+      ++covered;
+      EXPECT_NEAR(found->at_rad(Vector2d(x, y)), truth(x, y), 5e-5) << x << ", " << y;
+    }
+  }
+  EXPECT_GT(covered, 1000);
 }
 
 TEST(SteppedBoard, RefusesTwoSteps) {
