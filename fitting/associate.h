@@ -396,8 +396,10 @@ Result<Associated<typename Shape::Surface>> associate(Points points_mm, const Fi
           lean_normal_equations(surface_in_frame(*start, all), all, distances_mm, KernelSumsWanted::all_but_matrix);
       const double farthest_mm = std::max(sums.largest, -sums.smallest);
       if (!(std::isfinite(sums.f) && farthest_mm < 1e100)) return unanswerable(why_not_finite(points_mm));
-      used = settled_within_robust_deviation(quality.distances_mm, within(quality.distances_mm, found->tolerance),
-                                             rounding_mm);
+      used = within(quality.distances_mm, found->tolerance);
+      if (n >= kMany && count_used(used) > 0) {
+        used = settled_within_robust_deviation(quality.distances_mm, used, rounding_mm);
+      }
     }
   }
   int reweights = 0;

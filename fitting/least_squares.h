@@ -208,16 +208,18 @@ std::optional<NormalSolution<M>> newton_step(const NormalEquations<M>& at, bool 
 
 /// From a start to the last digits. A step is halved until it lowers F; where F no longer resolves the step (its
 /// predicted gain is below 1e-11 F or F's own rounding), until it lowers the length (2) of the step that would follow. It
-/// has converged when that can be had no more, or when a step changes the distances by less than double resolves; where F could still be
-/// lowered and no step does it, it has not: F has a kink there (a point on the axis or in the centre). A step below
-/// 1e-12 whose successor, at the rate of the last two, is below that is taken without looking again: F and the distances
-/// are then those before it, 1e-12 of the points' size away.
+/// has converged when that can be had no more and the step that is left is small against the scatter, or when a step
+/// changes the distances by less than double resolves; where F could still be lowered and no step does it, it has not: F
+/// has a kink there (a point on the axis or in the centre). A step below 1e-12 whose successor, at the rate of the last
+/// two, is below that is taken without looking again: F and the distances are then those before it, 1e-12 of the points'
+/// size away.
 template <class Surface>
 tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const FramedPoints& points,
                                                      const DescentOptions& options) {
   constexpr int M = Surface::kParameters;
   constexpr int kHalvings = 30, kHalvingsAtTheEnd = 4;
   constexpr double kBlind2 = 1e-24, kGain = 0.5;
+  constexpr double kStationary2 = 1e-8, kRounding2 = 1e-26;  // of F; of n, what rounding can make of a step at most
   const double n = points.n, resolved = options.enough * options.enough * n;
   double* const distances_mm = options.distances_mm;
   NormalEquations<M> at = normal_equations(surface, points, options.start_is_close ? distances_mm : nullptr);
@@ -236,7 +238,7 @@ tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const Fram
       return done(iteration + 1);
     }
     // Where the scatter itself is near rounding, a step is rounding when it is small against the scatter too.
-    const bool is_rounding = !(length2 > std::clamp(1e-8 * at.f, 1e-29 * n, 1e-26 * n));
+    const bool is_rounding = !(length2 > std::clamp(kStationary2 * at.f, 1e-29 * n, kRounding2 * n));
     // F is a sum of squares of distances that are known to some 4 eps of the frame's size.
     const bool at_the_end = is_rounding || !(length2 > std::max(1e-11 * at.f, 2e-15 * std::sqrt(at.f * n)));
     const bool write = distances_mm && (options.start_is_near || (rate < 1e-4 && length2 * rate < kBlind2 * n));
@@ -262,7 +264,8 @@ tl::expected<Minimum<Surface>, Descent> gauss_newton(Surface surface, const Fram
       }
     }
     const bool is_last = iteration >= options.max_iterations;
-    if (at_the_end && (!better || is_last)) return done(iteration);
+    const bool is_stationary = !(length2 > std::max(kStationary2 * at.f, kRounding2 * n));
+    if (at_the_end && is_stationary && (!better || is_last)) return done(iteration);
     if (!better || is_last) return tl::unexpected(Descent::not_converged);
   }
   return tl::unexpected(Descent::singular);
