@@ -249,7 +249,7 @@ Minimum<Surface> minimum_in_mm(const Minimum<Surface>& minimum, const FramedPoin
 /// The frame of a sample; the axes and sums of squares are those of the sample, which are less than those of all points.
 inline CentredPoints centred_by_sample(Points points_mm, const PointWeights& weights, std::size_t n_used) {
   Random random(9);
-  const std::vector<Eigen::Vector3d> sample = spread_sample(points_mm, weights, 1000, random);
+  const std::vector<Eigen::Vector3d> sample = spread_sample(points_mm, weights, 400, random);
   if (sample.size() < 100) return centred(points_mm, weights, n_used);
   CentredPoints out = centred(sample, {}, sample.size());
   out.framed.points_mm = points_mm;
@@ -265,7 +265,7 @@ std::optional<Minimum<typename Shape::Surface>> quick_solve(const CentredPoints&
                                                             const std::optional<typename Shape::Surface>& start_mm,
                                                             double* distances_mm) {
   using Surface = typename Shape::Surface;
-  constexpr std::size_t kFew = 300, kNear = 1000, kNearer = 20000;  // points of a start; and of its refinement
+  constexpr std::size_t kFew = 200, kNear = 500, kNearer = 20000;  // points of a start; and of its refinement
   constexpr double kPart = 20.0;
   const FramedPoints& framed = points.framed;
   if (!points.finite || !Shape::why_flat(points).empty()) return std::nullopt;

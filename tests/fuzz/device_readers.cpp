@@ -13,6 +13,7 @@
 
 #include <algorithm>
 #include <array>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -84,6 +85,19 @@ std::string modbus(Bytes pdu) {
   return std::string("\0\0\0\0\0", 5) + static_cast<char>(pdu.size() + 1) + '\1' + std::string(pdu);
 }
 
+/// Bad replies end as the client's own errors, nothing else.
+Reader plc_replies(const char* name, const std::vector<std::string>& sound,
+                   const std::function<void(Bytes, std::chrono::milliseconds)>& read) {
+  const auto guarded = [read](Bytes bytes) {
+    try {
+      read(bytes, kLimit);
+    } catch (const hw::PlcLost&) {
+    } catch (const hw::PlcFault&) {
+    }
+  };
+  return {name, {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
+}
+
 Reader modbus_replies() {
   const std::string status = "\3\x1c" + std::string("\0\1", 2) + std::string(kZeros),
                     written = std::string("\x10\0\0\0\3", 5);
@@ -114,14 +128,7 @@ Reader modbus_replies() {
                       {.answer_limit = limit, .attempts = 1});
     talk_to(plc);
   };
-  const auto guarded = [read](Bytes bytes) {
-    try {
-      read(bytes, kLimit);
-    } catch (const hw::PlcLost&) {
-    } catch (const hw::PlcFault&) {
-    }
-  };
-  return {"modbus_replies", {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
+  return plc_replies("modbus_replies", sound, read);
 }
 
 Reader mewtocol_replies() {
@@ -152,14 +159,7 @@ Reader mewtocol_replies() {
                         {.answer_limit = limit, .attempts = 1});
     talk_to(plc);
   };
-  const auto guarded = [read](Bytes bytes) {
-    try {
-      read(bytes, kLimit);
-    } catch (const hw::PlcLost&) {
-    } catch (const hw::PlcFault&) {
-    }
-  };
-  return {"mewtocol_replies", {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
+  return plc_replies("mewtocol_replies", sound, read);
 }
 
 /// A device whose next frame is given, packet by packet, and the client that has it open.

@@ -64,7 +64,9 @@ TEST(CompareScanners, TellsTheWorstPointOfEachHeight) {
   int points = 0;
   double squares = 0, worst = 0;
   for (std::size_t i = 0; i < heights.size(); ++i) {
-    if (i > 0) EXPECT_GT(heights[i].z_mm, heights[i - 1].z_mm);
+    if (i > 0) {
+      EXPECT_GT(heights[i].z_mm, heights[i - 1].z_mm);
+    }
     points += heights[i].points;
     squares += heights[i].points * heights[i].rms_mm * heights[i].rms_mm;
     worst = std::max(worst, heights[i].worst.difference_mm.norm());
