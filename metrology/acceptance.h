@@ -12,7 +12,7 @@
 //   of a form       u^2 = (F / 2)^2 + u^2(F),  F the artefact's certified form error                            (5) [ISO/TS 23165, 5.1]
 //                   (for the standard deviation an upper bound)
 // of a later measurement of the same length at the same place:
-//   u_later^2 = u_ref^2 + s^2 + u_cal^2, s the repeatability where the series has repeats, else the cloud's noise (6)
+//   u_later^2 = u_ref^2 + s^2 + u_cal^2, s the repeatability where the series has repeats, else the capture's noise (6)
 // The Monte Carlo behind `validation` propagates E = x - l (1 + alpha (t - t_ref)) itself, not its linear form.
 // Frame `world`, mm.
 #pragma once
@@ -48,6 +48,7 @@ struct FeatureResult {
 struct DistanceResult {
   std::string artefact;
   int from = 0, to = 1;
+  // u_noise: of the points, and of the capture's mean phase error (calibration_uncertainty.h, eq. 2; not of joined views).
   double distance_mm = 0, u_noise_mm = 0, u_calibration_mm = 0;
 };
 

@@ -4,6 +4,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace fringecal::metrology {
@@ -39,6 +40,47 @@ Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, co
   return u->front();
 }
 
+namespace {
+
+/// The quantities as a scanner with one parameter changed would have given them.
+Result<std::vector<double>> quantities_with(Eigen::Index parameter, double change, const PointGroups& groups_mm,
+                                            const model::Scanner& scanner, const GroupsFunction& quantities) {
+  const auto& names = scanner.uncertainty.names;
+  Eigen::VectorXd changes = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(names.size()));
+  changes(parameter) = change;
+  const model::Scanner changed = scanner.changed_by(changes);
+  PointGroups moved;
+  for (const auto& group : groups_mm) moved.push_back(retriangulate(group, scanner, changed));
+  auto values = quantities(moved);
+  if (!values) {
+    return unanswerable(fmt::format("with {} changed by its standard uncertainty the quantity has no value: {}",
+                                    names[static_cast<std::size_t>(parameter)], values.error().sentence));
+  }
+  return values;
+}
+
+}  // namespace
+
+Result<std::vector<double>> u_from_phase_offset(const PointGroups& groups_mm, const model::Scanner& scanner,
+                                                const GroupsFunction& quantities) {
+  const auto& names = scanner.uncertainty.names;
+  const std::string shift = scanner.projector.main_axis() == CodeAxis::x ? "projector.x.u0" : "projector.y.u0";
+  const auto at = std::find(names.begin(), names.end(), shift);
+  const auto prior = std::find_if(scanner.priors.begin(), scanner.priors.end(),
+                                  [](const model::Prior& p) { return p.parameter == "capture.phase_offset"; });
+  const double offset = at == names.end() || prior == scanner.priors.end() ? 0.0 : prior->u;
+  const Eigen::Index parameter = at - names.begin();
+  const auto low =
+      offset > 0 ? quantities_with(parameter, -offset, groups_mm, scanner, quantities) : quantities(groups_mm);
+  if (!low) return tl::unexpected(low.error());
+  std::vector<double> out(low->size(), 0.0);
+  if (!(offset > 0)) return out;
+  const auto high = quantities_with(parameter, offset, groups_mm, scanner, quantities);
+  if (!high) return tl::unexpected(high.error());
+  for (std::size_t k = 0; k < out.size(); ++k) out[k] = 0.5 * std::abs((*high)[k] - (*low)[k]);  // eq. 2
+  return out;
+}
+
 Result<std::vector<double>> u_from_calibration_of_groups(const PointGroups& groups_mm, const model::Scanner& scanner,
                                                          const GroupsFunction& quantities) {
   const auto& uncertainty = scanner.uncertainty;
@@ -46,21 +88,12 @@ Result<std::vector<double>> u_from_calibration_of_groups(const PointGroups& grou
   if (n == 0) return unanswerable("the Scanner file has no covariance, so the calibration's part of u is not known");
   Eigen::MatrixXd gradient;  // a row per quantity
   for (Eigen::Index i = 0; i < n; ++i) {
-    const std::string& name = uncertainty.names[static_cast<std::size_t>(i)];
     const double step = std::sqrt(uncertainty.covariance(i, i));
     if (!(step > 0)) continue;
     std::vector<double> y[2];
     for (const int side : {0, 1}) {
-      Eigen::VectorXd change = Eigen::VectorXd::Zero(n);
-      change(i) = side == 0 ? -step : step;
-      const model::Scanner changed = scanner.changed_by(change);
-      PointGroups moved;
-      for (const auto& group : groups_mm) moved.push_back(retriangulate(group, scanner, changed));
-      auto values = quantities(moved);
-      if (!values) {
-        return unanswerable(fmt::format("with {} changed by its standard uncertainty the quantity has no value: {}",
-                                        name, values.error().sentence));
-      }
+      auto values = quantities_with(i, side == 0 ? -step : step, groups_mm, scanner, quantities);
+      if (!values) return tl::unexpected(values.error());
       y[side] = *std::move(values);
     }
     if (gradient.size() == 0) gradient = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(y[0].size()), n);

@@ -33,6 +33,13 @@ using GroupsFunction = std::function<Result<std::vector<double>>(const PointGrou
 Result<std::vector<double>> u_from_calibration_of_groups(const PointGroups& groups_mm, const model::Scanner& scanner,
                                                          const GroupsFunction& quantities);
 
+/// What the mean error of one capture's phase steps makes of them: a shift o of u, the same for all points of the capture and new in
+/// the next, with the standard deviation that the calibration's own captures had (the Scanner's prior capture.phase_offset):
+///   u_capture(y) = |y(u0 + o) - y(u0 - o)| / 2,   u0 of the projector, which shifts u as well                      (2)
+/// Zeros where the Scanner states no such prior.
+Result<std::vector<double>> u_from_phase_offset(const PointGroups& groups_mm, const model::Scanner& scanner,
+                                                const GroupsFunction& quantities);
+
 /// Eq. 1, in the unit of the quantity.
 Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,
                                   const PointFunction& quantity);

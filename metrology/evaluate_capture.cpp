@@ -5,6 +5,8 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
+
 namespace fringecal::metrology {
 namespace {
 
@@ -29,14 +31,18 @@ Result<bool> add_gauge(const Plan& plan, const Gauge& gauge, const std::vector<A
     const PointGroups groups = {
         thinned(parts[static_cast<std::size_t>(certified.from)].points_mm, kPointsForCalibration),
         thinned(parts[static_cast<std::size_t>(certified.to)].points_mm, kPointsForCalibration)};
-    const auto u =
-        u_from_calibration_of_groups(groups, scanner, [&](const PointGroups& moved) -> Result<std::vector<double>> {
-          const auto length = length_between(gauge.kind, moved[0], moved[1]);
-          if (!length) return tl::unexpected(length.error());
-          return std::vector<double>{*length};
-        });
-    if (!u) return unanswerable(fmt::format("{}: {}", gauge.name, u.error().sentence));
+    const auto length_of = [&](const PointGroups& moved) -> Result<std::vector<double>> {
+      const auto length = length_between(gauge.kind, moved[0], moved[1]);
+      if (!length) return tl::unexpected(length.error());
+      return std::vector<double>{*length};
+    };
+    const auto u = u_from_calibration_of_groups(groups, scanner, length_of);
+    const auto u_capture = u_from_phase_offset(groups, scanner, length_of);
+    for (const auto* part : {&u, &u_capture}) {
+      if (!*part) return unanswerable(fmt::format("{}: {}", gauge.name, part->error().sentence));
+    }
     distance->u_calibration_mm = u->front();
+    distance->u_noise_mm = std::hypot(distance->u_noise_mm, u_capture->front());
     out.distances.push_back(*distance);
   }
   for (auto& feature : features) out.features.push_back(std::move(feature.result));

@@ -1,7 +1,9 @@
 // Reconstruction from exact phase maps: known surfaces seen through the scanner's own projection.
 #include "metrology/reconstruct.h"
 
+#include "calib/model/triangulate.h"
 #include "core/error.h"
+#include "metrology/calibration_uncertainty.h"
 #include "tests/metrology/exact_phase_map.h"
 #include "tests/support/program.h"
 
@@ -206,6 +208,43 @@ TEST(Reconstruct, RefusesACaptureOfAnotherInstrument) {
   auto other_axis = map;
   other_axis.axis = CodeAxis::y;
   EXPECT_THROW(reconstruct(other_axis, scanner), InputError);
+}
+
+// The same from the phase itself: each point's u is read o higher and o lower and triangulated by the Scanner as it is.
+TEST(PhaseOffset, MakesOfALengthWhatShiftedPhasesMakeOfIt) {
+  model::Scanner s = test::sample_scanner();
+  const PointGroups points = {{{-40, 5, -60}}, {{50, -10, 60}}};
+  const auto length = [](const PointGroups& p) -> Result<std::vector<double>> {
+    return std::vector<double>{(p[0].front() - p[1].front()).norm()};
+  };
+  const auto none = u_from_phase_offset(points, s, length);
+  ASSERT_TRUE(none) << none.error().sentence;
+  EXPECT_EQ(none->front(), 0.0) << "the Scanner states no offset";
+
+  constexpr double kOffset = 2e-4;
+  s.uncertainty.names = {"camera.fx_px", "projector.x.u0"};
+  s.uncertainty.covariance = Eigen::Vector2d(1e-4, 1e-8).asDiagonal();
+  s.priors.push_back({"capture.phase_offset", 0.0, kOffset, "estimated from the views"});
+  const auto u = u_from_phase_offset(points, s, length);
+  ASSERT_TRUE(u) << u.error().sentence;
+  double lengths[2];
+  for (const int side : {0, 1}) {
+    std::vector<Eigen::Vector3d> moved;
+    for (const auto& group : points) {
+      const Eigen::Vector3d in_cam = s.world_from_cam().inverse() * group.front();
+      const auto pixel = s.camera.project(in_cam);
+      const auto read = s.projector.project(CodeAxis::x, s.proj_from_cam * in_cam);
+      ASSERT_TRUE(pixel && read);
+      const auto at = model::triangulate(s.camera, s.projector, s.proj_from_cam, CodeAxis::x, *pixel,
+                                         *read + (side == 0 ? -kOffset : kOffset));
+      ASSERT_TRUE(at);
+      moved.push_back(s.world_from_cam() * *at);
+    }
+    lengths[side] = (moved[0] - moved[1]).norm();
+  }
+  // 0.2 um on the grating are 6 um across at 1000 mm; of the length some um. Rounding of the intersections: 1e-9 mm.
+  EXPECT_GT(u->front(), 5e-4);
+  EXPECT_NEAR(u->front(), 0.5 * std::abs(lengths[1] - lengths[0]), 1e-8);
 }
 
 TEST(PointCloudFile, ReadsBackWhatWasWritten) {
