@@ -281,7 +281,9 @@ void fill_observations(Scanner& scanner, std::span<const BoardObservation> obser
 /// The pose most of whose corners were left out, in words; nothing where none was.
 std::string worst_pose(const Bundle& bundle, std::span<const BoardObservation> observations) {
   std::vector<int> left_out(observations.size(), 0);
-  for (const Sight& s : bundle.sights) left_out[static_cast<std::size_t>(s.pose)] += s.used ? 0 : 1;
+  for (const Sight& s : bundle.sights) {
+    if (s.target != kOnFlat && !s.used) ++left_out[static_cast<std::size_t>(s.pose)];
+  }
   const auto worst = std::max_element(left_out.begin(), left_out.end());
   if (*worst == 0) return "";
   const auto& o = observations[static_cast<std::size_t>(worst - left_out.begin())];
