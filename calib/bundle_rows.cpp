@@ -167,6 +167,14 @@ bool evaluate_at(const Bundle& b, const Frame& f, const Place& at, const Sight& 
   return true;
 }
 
+/// What a place on the face does to a row; and to the pixel.
+Eigen::RowVector2d by_place(const Row& row) { return {row.by[kPrint], row.by[kPrint + 1]}; }
+Eigen::Matrix2d pixel_by_place(const SightRows& rows) {
+  Eigen::Matrix2d out;
+  out << by_place(rows.row[0]), by_place(rows.row[1]);
+  return out;
+}
+
 /// Where a pixel's ray meets the flat of this frame. The bow's slope is some 1e-5: one step from the plane is exact.
 std::optional<Place> place_on_flat(const Bundle& b, const Frame& f, const Sight& s) {
   const auto ray = b.camera.ray(s.pixel);
@@ -187,17 +195,12 @@ std::optional<Place> place_on_flat(const Bundle& b, const Frame& f, const Sight&
 /// Eq. 6 on the rows of a place on the flat.
 bool keep_the_fringes_alone(SightRows& out, With with) {
   out.has[0] = out.has[1] = false;
-  Eigen::Matrix2d c;
-  for (Eigen::Index i = 0; i < 2; ++i) {
-    const auto& by = out.row[static_cast<std::size_t>(i)].by;
-    c.row(i) << by[kPrint], by[kPrint + 1];
-  }
-  const Eigen::Matrix2d inverse = c.inverse();
+  const Eigen::Matrix2d inverse = pixel_by_place(out).inverse();
   if (!inverse.allFinite()) return false;
   for (const std::size_t k : {2U, 3U}) {
     if (!out.has[k]) continue;
     Row& row = out.row[k];
-    const Eigen::RowVector2d of_camera = Eigen::RowVector2d(row.by[kPrint], row.by[kPrint + 1]) * inverse;
+    const Eigen::RowVector2d of_camera = by_place(row) * inverse;
     row.residual -= of_camera[0] * out.row[0].residual + of_camera[1] * out.row[1].residual;
     if (with == With::residuals) continue;
     for (std::size_t i = 0; i < kColumns; ++i) {
@@ -241,13 +244,12 @@ void set_slopes(Bundle& b) {
                                   shapes[static_cast<std::size_t>(s.target)], s, With::derivatives, r)) {
       continue;
     }
-    const auto along = [&](std::size_t k) { return Eigen::RowVector2d(r.row[k].by[kPrint], r.row[k].by[kPrint + 1]); };
-    Eigen::Matrix2d by;
-    by << along(0), along(1);
+    const Eigen::Matrix2d by = pixel_by_place(r);
     // Seen at less than some 3 degrees from its face, a board tells nothing of its own slope.
     if (!(std::abs(by.determinant()) > 0.05 * by.squaredNorm())) continue;
     for (const std::size_t axis : {0U, 1U}) {
-      if (r.has[2 + axis]) s.u_by_pixel.row(static_cast<Eigen::Index>(axis)) = along(2 + axis) * by.inverse();  // eq. 5
+      if (r.has[2 + axis])
+        s.u_by_pixel.row(static_cast<Eigen::Index>(axis)) = by_place(r.row[2 + axis]) * by.inverse();  // eq. 5
     }
   }
 }
