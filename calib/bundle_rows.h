@@ -14,9 +14,9 @@
 // With D = (ex, ey) the corner's place on its face,
 //   G = du/dD (dpixel/dD)^-1,                                                                                  (5)
 // which a solve holds while it steps, so that (2) has the derivatives of its terms.
-// A sight on a flat (bundle.h, eq. 2) has the rows of (2) alone: with P, C the derivatives of (2) and (1) by the place on
-// the flat, which the pixel determines,
-//   r_flat = r_2 - P C^-1 r_1,   dr_flat = dr_2 - P C^-1 dr_1                                                  (6)
+// A sight on a flat (bundle.h, eq. 2) has the rows of (2) alone. Its place is where the pixel's ray meets the flat, so that
+// r_1 = 0 whatever the unknowns are: with P, C the derivatives of (2) and (1) by the place,
+//   r_flat = r_2,   dr_flat = dr_2 - P C^-1 dr_1                                                               (6)
 // Residuals and derivatives are not whitened. mm, rad, px, the code's unit. A point that is not in front of a lens has
 // no rows.
 #pragma once
