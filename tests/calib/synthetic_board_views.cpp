@@ -143,8 +143,7 @@ PatternPlan known_plan(bool two_axes) {
   return plan;
 }
 
-std::vector<model::BoardObservation> views(const model::Scanner& scanner, const model::Board& board, int poses,
-                                           const ViewErrors& errors) {
+std::vector<Rigid3> view_places(int poses) {
   std::vector<Rigid3> placed;
   const double golden = std::numbers::pi * (3.0 - std::sqrt(5.0));
   for (int i = 0; i < poses; ++i) {
@@ -154,7 +153,12 @@ std::vector<model::BoardObservation> views(const model::Scanner& scanner, const 
                                 80.0 * ((i % 5) - 2) / 2.0);
     placed.push_back({Eigen::Quaterniond(Eigen::AngleAxisd(tilt, axis)), target() + shift});
   }
-  return observe(scanner, board, placed, errors);
+  return placed;
+}
+
+std::vector<model::BoardObservation> views(const model::Scanner& scanner, const model::Board& board, int poses,
+                                           const ViewErrors& errors) {
+  return observe(scanner, board, view_places(poses), errors);
 }
 
 std::vector<model::BoardObservation> parallel_views(const model::Scanner& scanner, const model::Board& board, int poses,

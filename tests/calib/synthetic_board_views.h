@@ -28,6 +28,8 @@ struct ViewErrors {
   std::uint64_t seed = 1;
 };
 
+/// Where views() holds its boards: cam from the board's middle.
+std::vector<Rigid3> view_places(int poses);
 /// `poses` boards, tilted up to 35 degrees about axes that go round, within +-80 mm of the working distance.
 /// parallel: all at the same attitude, facing the camera.
 std::vector<model::BoardObservation> views(const model::Scanner& scanner, const model::Board& board, int poses,
