@@ -176,6 +176,28 @@ TEST_F(Procam, JointAndPlainCameraDifferByWhatBothAreUncertainBy) {
   EXPECT_THAT(joint->method, ::testing::HasSubstr("look at pose_1 first")) << joint->method;
 }
 
+TEST_F(Procam, LeavingOutOnePoseMovesTheJointFocalLengthAsStated) {
+  const calib::CalibrationOptions options{.camera_terms = DistortionTerms::radial};
+  const auto all = solve(options);
+  ASSERT_TRUE(all) << all.error().sentence;
+  const auto n = static_cast<double>(views_.size());
+  double sum = 0, squares = 0;
+  for (std::size_t out = 0; out < views_.size(); ++out) {
+    auto kept = views_;
+    kept.erase(kept.begin() + static_cast<std::ptrdiff_t>(out));
+    const auto found = calib::calibrate(kept, printed_board(), 1280, 1024, plan_, options);
+    ASSERT_TRUE(found) << found.error().sentence;
+    const double moved = found->camera.fx_px - all->camera.fx_px;
+    std::printf("without %s: f %+.2f px\n", views_[out].name.c_str(), moved);
+    sum += moved;
+    squares += moved * moved;
+  }
+  const double jackknife = std::sqrt((n - 1) / n * (squares - sum * sum / n)), u = *all->uncertainty.u("camera.fx_px");
+  std::printf("scatter of f from pose to pose %.2f px, stated %.2f px\n", jackknife, u);
+  // Five poses know their own scatter as chi2 of four degrees of freedom does: 18.5 / 4 is passed once in a thousand.
+  EXPECT_LT(jackknife, std::sqrt(18.5 / 4) * u);
+}
+
 TEST_F(Procam, RobustJointSolveReproducesTheGrid) {
   const auto found = solve({});
   ASSERT_TRUE(found) << found.error().sentence;
