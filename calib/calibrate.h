@@ -9,11 +9,10 @@
 // and the clean problem is solved again. What the readings of one capture or one corner have in common (phase offset, bend
 // of the board, printing error, height) is estimated with its scatter (joint_solve.h), so that the covariance does not
 // average it away; the covariance is widened where the poses contradict it. It is linear but for the place of a one-axis
-// projector along the fringes (joint_solve.h, eq. 6): single parameters and triangulated points have their uncertainties.
-// What the phase is off in all captures alike (the mean error of the patterns' places, the same in later measurements)
-// becomes part of u0, as it must; against a u0 without it a joint region of all parameters is too small.
-// A projector that is coded along one axis is a one-dimensional camera; what that leaves open (its place along the fringes)
-// gets a weak prior, which the Scanner names. [Zhang2000] [Chen2008, eqs. 18-20]
+// projector along the fringes (joint_solve.h, eq. 6): single parameters and triangulated points have their uncertainties, a
+// joint region of all parameters is still somewhat too small. A projector that is coded along one axis is a one-dimensional
+// camera; what that leaves open (its place
+// along the fringes) gets a weak prior, which the Scanner names. [Zhang2000] [Chen2008, eqs. 18-20]
 #pragma once
 
 #include "calib/model/board.h"
