@@ -42,8 +42,8 @@ struct Job {
   }
 };
 
-/// How long a thread looks for work, or for the end of others' work, before it sleeps: some microseconds pass between two
-/// passes of a fit, and waking a sleeper takes some ten. It yields to whoever else wants the processor.
+/// How long a thread looks for work, or for the end of others' work, before it sleeps: some microseconds pass between
+/// two passes of a fit, and waking a sleeper takes some ten. It yields to whoever else wants the processor.
 template <class Condition>
 void await_briefly(const Condition& condition) {
   constexpr std::chrono::microseconds kBriefly(20);
@@ -51,8 +51,8 @@ void await_briefly(const Condition& condition) {
   while (!condition() && std::chrono::steady_clock::now() < end) std::this_thread::yield();
 }
 
-/// Threads that stay, for all calls: helpers join whichever call has places, so a call within a call, or calls of several
-/// threads, only share them. Each caller works too and never waits for a helper that has not joined.
+/// Threads that stay, for all calls: helpers join whichever call has places, so a call within a call, or calls of
+/// several threads, only share them. Each caller works too and never waits for a helper that has not joined.
 class Pool {
  public:
   void run(Job& job) {
