@@ -18,9 +18,9 @@ using Moments = MatrixN<10>;
 
 Moments moments_of(Points normalised) {
   return blocked_sum(normalised, Moments::Zero().eval(), [](const Eigen::Vector3d& p, Moments& sum) {
-    VectorN<10> w;
-    w << p.cwiseAbs2(), 2.0 * p.x() * p.y(), 2.0 * p.x() * p.z(), 2.0 * p.y() * p.z(), p, 1.0;
-    sum += w * w.transpose();
+    const double x = p.x(), y = p.y(), z = p.z();
+    const VectorN<10> w{{x * x, y * y, z * z, 2.0 * x * y, 2.0 * x * z, 2.0 * y * z, x, y, z, 1.0}};
+    for (int c = 0; c < 10; ++c) sum.col(c) += w[c] * w;
   });
 }
 

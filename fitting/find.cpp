@@ -1,5 +1,6 @@
 #include "fitting/find.h"
 
+#include "core/statistics.h"
 #include "fitting/rejection.h"
 #include "fitting/surface.h"
 
@@ -99,6 +100,23 @@ std::vector<bool> near_to(Points points_mm, const Neighbourhood& hood, const std
   return near;
 }
 
+/// The spacing of a shape's own points: other shapes' are not as far apart, and stray points lie between.
+double spacing_of(Points points_mm, const Neighbourhood& hood, const std::vector<std::size_t>& members) {
+  constexpr std::size_t kSpacing = 4;  // as Neighbourhood::spacing_mm
+  std::vector<bool> is_member(points_mm.size(), false);
+  for (const std::size_t i : members) is_member[i] = true;
+  std::vector<double> spacings_mm;
+  for (const std::size_t i : members) {
+    std::size_t k = 0, found = 0, j = i;
+    for (; k < Neighbourhood::kCount && found < kSpacing; ++k) {
+      j = hood.neighbours[i * Neighbourhood::kCount + k];
+      found += is_member[j] ? 1u : 0u;
+    }
+    spacings_mm.push_back((points_mm[j] - points_mm[i]).norm());
+  }
+  return median(std::move(spacings_mm));
+}
+
 struct Cleaned {
   AnyShape fitted;
   std::vector<std::size_t> members;
@@ -107,11 +125,11 @@ struct Cleaned {
 
 /// Rules 1 to 3 on the points near a first surface; repeated with the surface that follows.
 std::optional<Cleaned> cleaned(Points points_mm, const Neighbourhood& hood, const std::vector<bool>& is_free,
-                               AnyShape fitted, const std::vector<std::size_t>& first, const FindOptions& options) {
+                               AnyShape fitted, const std::vector<std::size_t>& first, const FindOptions& options,
+                               double margin_mm) {
   constexpr int kRounds = 3;
   constexpr double kGap = 150.0 / 180.0 * std::numbers::pi;  // 16 neighbours at random leave it at one point in 200
   constexpr double kScatter = 0.05;                          // of the extent: more is no surface but a cloud
-  const double margin_mm = options.margin_spacings * hood.spacing_mm;
   std::optional<Cleaned> out;
   std::vector<std::size_t> members = first;
   for (int round = 0; round < kRounds; ++round) {
@@ -234,7 +252,12 @@ Result<FoundShapes> find_shapes(Points points_mm, std::span<const NominalShape> 
     if (free_points.size() < options.min_points) continue;
     const auto fitted = best_kind(hypothesis, chosen(points_mm, free_points));
     if (!fitted) continue;
-    auto result = cleaned(points_mm, hood, is_free, *fitted, free_points, options);
+    const auto cleaned_with = [&](double spacing_mm) {
+      return cleaned(points_mm, hood, is_free, *fitted, free_points, options, options.margin_spacings * spacing_mm);
+    };
+    // The cloud's spacing is mostly the larger one, the safer margin; a small shape may have no points left inside it.
+    auto result = cleaned_with(hood.spacing_mm);
+    if (!result) result = cleaned_with(spacing_of(points_mm, hood, free_points));
     if (!result) continue;
     for (const std::size_t i : result->members) is_free[i] = false;
     all.push_back(std::move(*result));

@@ -1,9 +1,10 @@
 // Spheres, cylinders and planes in a raw cloud, without help: hypotheses (hypotheses.h), then fits (fit.h) of the points
 // that belong to each, cleaned by stated rules. Every point of the cloud gets one reason:
 //   surface     used by the fit of its shape
-//   margin      nearer than `margin_spacings` point distances to a point that lies beside the shape's surface on another
-//               one (a post, a base, a table: where two surfaces meet, a scanner's spot sees both); stray points are on
-//               none (Neighbourhood::on_surface)                                                                 (1)
+//   margin      nearer than `margin_spacings` point distances (the cloud's median, stray points among them; where that
+//               leaves too few points, the shape's own median) to a point that lies beside the shape's surface on
+//               another one (a post, a base, a table: where two surfaces meet, a scanner's spot sees both); stray
+//               points are on none (Neighbourhood::on_surface)                                                    (1)
 //   silhouette  as near to the edge of the shape's points: a point whose neighbours on the shape leave a gap of more
 //               than 150 degrees around it (grazing views, half spots)                                            (2)
 //   beyond      more than 3.5 robust standard deviations from the surface (Rejection::robust)                    (3)

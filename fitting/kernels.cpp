@@ -253,14 +253,14 @@ void add_range_of(const KernelTask& task, std::size_t first, std::size_t count, 
   const bool weighted = task.weights.used || task.weights.weights;
   const std::size_t whole = count / kLanes * kLanes;
   for (std::size_t at = 0; at < whole; at += kBlock) {
-    const std::size_t n = std::min(kBlock, whole - at);
+    const std::size_t n = std::min(task.of_each_block, whole - at);
     if (weighted) {
       add_block<kKind, true, kMatrix>(task, f, first + at, n, total);
     } else {
       add_block<kKind, false, kMatrix>(task, f, first + at, n, total);
     }
   }
-  if (whole == count) return;
+  if (whole == count || task.of_each_block < kBlock) return;
   // The last few points, filled up with copies of the last one that do not count.
   Eigen::Vector3d padded[kLanes];
   double weights[kLanes] = {}, distances[kLanes];
@@ -333,7 +333,13 @@ KernelSums run_kernel(const KernelTask& task) {
   if (chunks < kWorthThreads) {
     for (std::size_t c = 0; c < chunks; ++c) work(static_cast<int>(c));
   } else {
-    parallel_for(static_cast<int>(chunks), work);
+    // Each thread in a stretch of its own: neighbours would wait for each other where fresh memory is first written.
+    const auto threads = static_cast<std::size_t>(thread_count()), stretch = (chunks + threads - 1) / threads;
+    parallel_for(static_cast<int>(threads * stretch), [&](int i) {
+      const auto task_of = static_cast<std::size_t>(i);
+      const std::size_t c = task_of % threads * stretch + task_of / threads;
+      if (c < chunks) work(static_cast<int>(c));
+    });
   }
   KernelSums total;
   for (const KernelSums& part : parts) {

@@ -47,6 +47,8 @@ struct KernelTask {
   double k = 0.0;
   double radius_mm = 0.0;                           // eq. 4
   KernelSumsWanted wanted = KernelSumsWanted::all;  // the matrix is left out of plane and eq. 4 only
+  /// Points that count of each block of 1024, the first ones: a multiple of 8 below 1024 for a sample.
+  std::size_t of_each_block = 1024;
   /// Where given: the distance of every point, used or not, times distance_unit; eq. 4: in mm.
   double* distances = nullptr;
   double distance_unit = 1.0;

@@ -50,7 +50,8 @@ std::optional<NormalSolution<N>> solve_normal_equations(const MatrixN<N>& A, con
 struct FramedPoints {
   Points points_mm;
   PointWeights weights;
-  double n = 0.0;  // points used
+  double n = 0.0;                    // points used
+  std::size_t of_each_block = 1024;  // less: a sample (kernels.h); n may be about that many only
   Eigen::Vector3d origin_mm = Eigen::Vector3d::Zero();
   double scale_mm = 1.0;
   Eigen::Vector3d in_frame(const Eigen::Vector3d& p_mm) const { return (p_mm - origin_mm) / scale_mm; }
@@ -118,6 +119,7 @@ NormalEquations<Surface::kParameters> normal_equations(const Surface& surface, c
   task.anchor = surface.anchor;
   task.axes = surface.axes;
   if constexpr (Surface::kKernel != KernelKind::plane) task.k = surface.k;
+  task.of_each_block = points.of_each_block;
   task.distances = distances_mm;
   task.distance_unit = points.scale_mm;
   return sums_of<M>(run_kernel(task));
@@ -139,6 +141,7 @@ NormalEquations<Surface::kParameters> lean_normal_equations(const Surface& surfa
   KernelTask task{Surface::kKernel, points.points_mm, points.weights, points.origin_mm, 1.0 / points.scale_mm};
   task.axes = surface.axes;
   task.wanted = wanted;
+  task.of_each_block = points.of_each_block;
   task.distances = distances_mm;
   task.distance_unit = points.scale_mm;
   NormalEquations<M> out;
@@ -283,6 +286,7 @@ std::optional<Minimum<Surface>> quick_descent(Surface surface, const FramedPoint
   constexpr int kPasses = 3;
   constexpr double kNear2 = 1e-6, kBlind2 = 1e-17, kResolved2 = 1e-28, kRate = 1e-3;
   constexpr double kFirstIsLast2 = 1e-9;  // a step whose successor, its square, is below kBlind2
+  constexpr double kSlower = 10.0;        // than the last: the next rate at most; 4 is seen
   constexpr double kRounding = 1e-12;     // of F
   const double n = points.n;
   const auto newton = newton_step<Surface::kParameters>(first, false);
@@ -299,7 +303,7 @@ std::optional<Minimum<Surface>> quick_descent(Surface surface, const FramedPoint
     const double next2 = -step.dot(there.jtd);
     if (!(there.f <= (1.0 + kRounding) * f + kResolved2 * n && next2 <= std::max(kRate * length2, kResolved2 * n)))
       return std::nullopt;
-    if (may_be_last && next2 < kBlind2 * n && next2 * std::min(1.0, next2 / length2) < kResolved2 * n) {
+    if (may_be_last && next2 < kBlind2 * n && next2 * std::min(1.0, kSlower * next2 / length2) < kResolved2 * n) {
       return Minimum<Surface>{surface.moved(step), newton->inverse, there.f,        pass,
                               there.largest,       there.smallest,  there.along / n};
     }

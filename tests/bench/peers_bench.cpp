@@ -2,7 +2,7 @@
 // 1 % as their start, ours nothing. Medians of repeats, in milliseconds of this thread's processor time, which other
 // programs on the machine disturb less than the clock on the wall. Ours gives the distance of every point and marks the
 // rejected, the peers give the surface alone; CGAL's plane is compared with ours without distances. Also: two threads against one, and the memory.
-//   bench_peers [repeats]
+//   bench_peers [repeats] [plane | sphere | cylinder | threads]
 #include "fitting/fit.h"
 #include "tests/bench/peers.h"
 
@@ -160,13 +160,15 @@ int main(int argc, char** argv) {
   using namespace fringecal::bench;
   using fringecal::fitting::Rejection;
   const int repeats = argc > 1 && std::atoi(argv[1]) > 0 ? std::atoi(argv[1]) : 5;
-  if (argc > 2 && std::string(argv[2]) == "threads") {
+  const std::string only = argc > 2 ? argv[2] : "";
+  if (only == "threads") {
     for (const Shape shape : {Shape::plane, Shape::sphere, Shape::cylinder}) threads_and_memory(shape);
     return 0;
   }
   setenv("FRINGECAL_THREADS", "1", 1);  // before the first fit reads it
   fmt::print("{}", peers_left_out());
   for (const Shape shape : {Shape::plane, Shape::sphere, Shape::cylinder}) {
+    if (!only.empty() && only != name_of(shape)) continue;
     for (const std::size_t n : {10000u, 100000u, 1000000u}) {
       const Cloud clean = points_of(shape, n);
       fmt::print("  {} of {} points{:>24}{:>12}   from the optimum\n", name_of(shape), n, "time", "ratio");
