@@ -127,9 +127,9 @@ TEST(Plans, ShippedOnesAreReadAndNameTheirSource) {
   }
   const auto bars = read_plan("vdi2634-2").series[1];
   EXPECT_EQ(bars.positions(), 7);
-  EXPECT_EQ(bars.captures, 21);
-  EXPECT_EQ(capture_name(bars, 20), "ball_bar-06c");
-  EXPECT_EQ(bars.places_of(13), (std::vector{bars.places[4]}));
+  EXPECT_EQ(bars.captures, 35);
+  EXPECT_EQ(capture_name(bars, 34), "ball_bar-06e");
+  EXPECT_EQ(bars.places_of(21), (std::vector{bars.places[4]}));
 }
 
 TEST(Plans, AreRefusedWithTheNamesThatThereAre) {
@@ -148,11 +148,11 @@ TEST(Plans, WithSeveralCapturesOfAPositionAreChecked) {
     text.replace(text.find(from), from.size(), to);
     return message_of<InputError>([&] { read_plan(folder.write("p.toml", text)); });
   };
-  EXPECT_NE(refusal("captures = 21", "captures = 20").find("not a multiple"), std::string::npos);
-  EXPECT_NE(refusal("captures_per_position = 3", "captures_per_position = 0").find("give 1 to 26"), std::string::npos);
-  EXPECT_NE(refusal("captures_per_position = 3", "captures_per_position = 7").find("7 entries where 3"),
+  EXPECT_NE(refusal("captures = 35", "captures = 34").find("not a multiple"), std::string::npos);
+  EXPECT_NE(refusal("captures_per_position = 5", "captures_per_position = 0").find("give 1 to 26"), std::string::npos);
+  EXPECT_NE(refusal("captures_per_position = 5", "captures_per_position = 7").find("7 entries where 5"),
             std::string::npos);
-  EXPECT_NE(refusal("captures_per_position = 3", "captures_per_position = 3\nrepeats = true").find("leave"),
+  EXPECT_NE(refusal("captures_per_position = 5", "captures_per_position = 5\nrepeats = true").find("leave"),
             std::string::npos);
 }
 

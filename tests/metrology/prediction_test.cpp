@@ -88,7 +88,7 @@ TEST(Prediction, DrawsWhatTheShippedPlansPlace) {
   }
   Gauge bar{.name = "bar150", .kind = GaugeKind::ball_bar, .diameter_mm = {30, 30}, .distance_mm = 150};
   const auto lines =
-      outlines_of(plan.series[1], 3, {bar});  // its second position: along Y, as it is turned by 90 degrees
+      outlines_of(plan.series[1], 5, {bar});  // its second position: along Y, as it is turned by 90 degrees
   ASSERT_EQ(lines.size(), 3u);
   EXPECT_NEAR((lines[2][1] - lines[2][0]).y(), 150, 1e-9);
   const auto fields = fields_of(plan, scanner());
