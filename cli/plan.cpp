@@ -46,6 +46,7 @@ Value to_value(const metrology::Plan& plan) {
                       .set("scene", s.scene)
                       .set("artefacts", artefacts)
                       .set("repeats", s.repeats)
+                      .set("captures_per_position", s.captures_per_position)
                       .set("captures", captures)
                       .set("quantities", quantities));
   }
@@ -70,9 +71,13 @@ void show(const metrology::Plan& plan) {
   for (const auto& line : plan.unchecked) fmt::print("not checked: {}\n", line);
   for (const auto& series : plan.series) {
     const int views = series.views_of_a_capture();
-    fmt::print("\n{} {} of {}{}, captures {} .. {}\n", series.captures, series.repeats ? "repeats" : "positions",
-               fmt::join(series.artefacts, ", "), series.views ? fmt::format(", {} views each", views) : "",
-               metrology::view_name(series, 0, 0), metrology::view_name(series, series.captures - 1, views - 1));
+    fmt::print("\n{} {} of {}{}{}, captures {} .. {}\n", series.positions(), series.repeats ? "repeats" : "positions",
+               fmt::join(series.artefacts, ", "),
+               series.captures_per_position > 1
+                   ? fmt::format(", the mean of {} captures each", series.captures_per_position)
+                   : "",
+               series.views ? fmt::format(", {} views each", views) : "", metrology::view_name(series, 0, 0),
+               metrology::view_name(series, series.captures - 1, views - 1));
     if (series.views) {
       fmt::print("  on a carrier with reference spheres of {:g} mm, turned for each view\n",
                  series.views->reference_diameter_mm);
@@ -101,8 +106,8 @@ std::string later_of(const metrology::Quantity& q) {
 /// Outlines of the artefacts of a series at all their places.
 reports::PlanPageSeries outlines(const metrology::Series& series, const std::vector<metrology::Gauge>& gauges) {
   reports::PlanPageSeries out{.label = series.scene, .lines = {}};
-  for (int i = 0; i < (series.repeats ? 1 : series.captures); ++i) {
-    for (const auto& line : metrology::outlines_of(series, i, gauges)) {
+  for (int i = 0; i < (series.repeats ? 1 : series.positions()); ++i) {
+    for (const auto& line : metrology::outlines_of(series, i * series.captures_per_position, gauges)) {
       reports::SpaceLine one;
       for (const auto& p : line) {
         one.x.push_back(p.x());

@@ -83,12 +83,15 @@ void refuse_expired(const metrology::Plan& plan, const Source& source, const std
 
 /// "turned_bar 3.1", as the virtual scanner names the scene of a view; "probing 3" where a capture is one view.
 std::string scene_of(const metrology::Series& series, int i, int view) {
-  return series.views ? fmt::format("{} {}.{}", series.scene, i, view) : fmt::format("{} {}", series.scene, i);
+  const int position = series.position_of(i);
+  return series.views ? fmt::format("{} {}.{}", series.scene, position, view)
+                      : fmt::format("{} {}", series.scene, position);
 }
 
 Capture capture_of(const metrology::Plan& plan, const metrology::Series& series, int i, int view,
                    const Source& source) {
-  return source.instrument ? source.instrument->capture(plan.name, scene_of(series, i, view), source.run)
+  return source.instrument ? source.instrument->capture(plan.name, scene_of(series, i, view), source.run,
+                                                        i % series.captures_per_position)
                            : read_capture(source.captures / metrology::view_name(series, i, view));
 }
 

@@ -158,14 +158,16 @@ int VirtualVerification::take_run(const std::string& plan) const {
   throw EnvironmentError(fmt::format("{}: a million verifications are enough; clear it", folder.string()));
 }
 
-Capture VirtualVerification::capture(const std::string& plan, const std::string& name, int run) const {
+Capture VirtualVerification::capture(const std::string& plan, const std::string& name, int run, int again) const {
   if (!instrument_.has_standard_scene(name)) {
     throw InputError(
         fmt::format("the virtual scanner has no scene \"{}\"; its preset places what the shipped plans ask "
                     "for",
                     name));
   }
-  const std::string which = fmt::format("{}/verify/{}/{}{}", seed_, plan, name, run > 1 ? fmt::format("/{}", run) : "");
+  const std::string which =
+      fmt::format("{}/verify/{}/{}{}{}", seed_, plan, name, run > 1 ? fmt::format("/{}", run) : "",
+                  again > 0 ? fmt::format(", {} more", again) : "");
   const std::string hash = sha256_hex(which);
   return instrument_.capture(instrument_.standard_scene(name, state_.room_degC, static_cast<std::uint64_t>(run)),
                              state_, std::stoull(hash.substr(0, 16), nullptr, 16));

@@ -31,8 +31,8 @@ class VirtualVerification {
   int take_run(const std::string& plan) const;
   /// plan and run: part of the stack's seed and of the hand that puts the artefact there, so that two verifications are two
   /// measurements, and each is the same whenever it is made again.
-  /// scene: "probing 3", as the virtual scanner names it.
-  Capture capture(const std::string& plan, const std::string& scene, int run = 1) const;
+  /// scene: "probing 3", as the virtual scanner names it. again: the how many-th capture of what was left there, from 0.
+  Capture capture(const std::string& plan, const std::string& scene, int run = 1, int again = 0) const;
   /// The true instrument. For tests only.
   Value truth() const { return instrument_.truth(state_); }
 

@@ -5,7 +5,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <map>
+#include <numeric>
 
 namespace fringecal::metrology {
 namespace {
@@ -17,7 +20,7 @@ constexpr int kValidationDigits = 1;
 // ---- from results to quantities
 
 struct Reading {
-  int capture = 0;
+  int position = 0, n = 1;  // n: captures of which it is the mean
   double value = 0, u_noise = 0, u_calibration = 0;
   int n_points = 0, n_rejected = 0;
 };
@@ -39,6 +42,11 @@ Validation validate_length(const Gauge& g, double length, double U_certificate, 
 
 struct Length {
   double certified = 0, U = 0;
+};
+
+struct SeriesOfPlan {
+  const Plan& plan;
+  const Series& series;
 };
 
 Quantity base(const PlannedQuantity& planned, const Gauge& gauge, const std::string& position) {
@@ -141,66 +149,120 @@ double certified_mm(const Gauge& gauge, const DistanceResult& d) {
                   gauge.name, d.from + 1, d.to + 1));
 }
 
-void add_diameters(std::vector<Quantity>& out, const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge,
-                   const std::vector<CaptureResult>& results, const EvaluateOptions& options) {
+/// Readings by position, each position's as their mean (eq. 7); in the order of the positions.
+std::vector<Reading> means_of(const std::vector<Reading>& readings) {
+  std::map<int, std::vector<const Reading*>> by_position;
+  for (const auto& r : readings) by_position[r.position].push_back(&r);
+  std::vector<Reading> out;
+  for (const auto& [position, all] : by_position) {
+    Reading mean{.position = position, .n = static_cast<int>(all.size())};
+    const auto m = static_cast<double>(all.size());
+    for (const Reading* r : all) {
+      mean.value += r->value / m;
+      mean.u_noise = std::hypot(mean.u_noise, r->u_noise / m);
+      mean.u_calibration = std::max(mean.u_calibration, r->u_calibration);
+      mean.n_points += r->n_points;
+      mean.n_rejected += r->n_rejected;
+    }
+    out.push_back(mean);
+  }
+  return out;
+}
+
+/// "5", or "5, mean of 3".
+std::string position_words(int position, int n, const char* what = "mean") {
+  return n > 1 ? fmt::format("{}, {} of {}", position + 1, what, n) : fmt::format("{}", position + 1);
+}
+
+void add_diameters(std::vector<Quantity>& out, const SeriesOfPlan& of, const PlannedQuantity& planned,
+                   const Gauge& gauge, const std::vector<CaptureResult>& results, const EvaluateOptions& options) {
   for (int part = 0; part < static_cast<int>(gauge.diameter_mm.size()); ++part) {
     std::vector<Reading> readings;
     for (const auto& [capture, f] : features_of(results, gauge.name, part)) {
-      readings.push_back({capture, *f->diameter_mm, f->u_noise_mm.value_or(0), f->u_calibration_mm.value_or(0),
-                          f->n_points, f->n_rejected});
+      readings.push_back({of.series.position_of(capture), 1, *f->diameter_mm, f->u_noise_mm.value_or(0),
+                          f->u_calibration_mm.value_or(0), f->n_points, f->n_rejected});
     }
     const Length length{gauge.diameter_mm[static_cast<std::size_t>(part)], gauge.U_diameter_mm};
     if (planned.measurand == Measurand::mean_diameter_error) {
-      out.push_back(length_quantity(plan, planned, gauge, length, readings,
+      out.push_back(length_quantity(of.plan, planned, gauge, length, readings,
                                     fmt::format("mean of {}{}", readings.size(), part_words(gauge, part)), options));
       continue;
     }
-    for (const auto& r : readings) {
-      out.push_back(length_quantity(plan, planned, gauge, length, std::span(&r, 1),
-                                    fmt::format("{}{}", r.capture + 1, part_words(gauge, part)), options));
+    for (const auto& r : means_of(readings)) {
+      out.push_back(length_quantity(of.plan, planned, gauge, length, std::span(&r, 1),
+                                    position_words(r.position, r.n) + part_words(gauge, part), options));
     }
   }
 }
 
-void add_distances(std::vector<Quantity>& out, const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge,
-                   std::vector<CaptureResult> results, const EvaluateOptions& options) {
-  std::sort(results.begin(), results.end(), [](const auto& a, const auto& b) { return a.capture < b.capture; });
+void add_distances(std::vector<Quantity>& out, const SeriesOfPlan& of, const PlannedQuantity& planned,
+                   const Gauge& gauge, const std::vector<CaptureResult>& results, const EvaluateOptions& options) {
+  std::map<std::pair<int, int>, std::vector<Reading>> readings;  // by the parts between which they are
   for (const auto& r : results) {
     for (const auto& d : r.distances) {
       if (d.artefact != gauge.name) continue;
-      Reading reading{r.capture, d.distance_mm, d.u_noise_mm, d.u_calibration_mm};
+      Reading reading{of.series.position_of(r.capture), 1, d.distance_mm, d.u_noise_mm, d.u_calibration_mm};
       for (const auto& f : r.features) {
         if (f.artefact != gauge.name || (f.part != d.from && f.part != d.to)) continue;
         reading.n_points += f.n_points;
         reading.n_rejected += f.n_rejected;
       }
-      out.push_back(length_quantity(plan, planned, gauge, {certified_mm(gauge, d), gauge.U_distance_mm},
-                                    std::span(&reading, 1), fmt::format("{}{}", r.capture + 1, pair_words(gauge, d)),
-                                    options));
+      readings[{d.from, d.to}].push_back(reading);
+    }
+  }
+  for (int position = 0; position < of.series.positions(); ++position) {
+    for (const auto& [parts, all] : readings) {
+      const DistanceResult between{.artefact = gauge.name, .from = parts.first, .to = parts.second};
+      for (const auto& r : means_of(all)) {
+        if (r.position != position) continue;
+        out.push_back(length_quantity(of.plan, planned, gauge, {certified_mm(gauge, between), gauge.U_distance_mm},
+                                      std::span(&r, 1), position_words(r.position, r.n) + pair_words(gauge, between),
+                                      options));
+      }
     }
   }
 }
 
-void add_forms(std::vector<Quantity>& out, const Plan& plan, const PlannedQuantity& planned, const Gauge& gauge,
+void add_forms(std::vector<Quantity>& out, const SeriesOfPlan& of, const PlannedQuantity& planned, const Gauge& gauge,
                const std::vector<CaptureResult>& results) {
+  const auto value_of = [&](const FeatureResult& f) {
+    return planned.measurand == Measurand::form_sd      ? f.sd_mm
+           : planned.measurand == Measurand::form_range ? f.range_mm
+                                                        : f.shell_95_mm;
+  };
   const int parts = static_cast<int>(nominals_of(gauge).size());
   for (int part = 0; part < parts; ++part) {
     const auto features = features_of(results, gauge.name, part);
-    const FeatureResult* largest = nullptr;
+    if (features.empty()) continue;
+    std::map<int, std::vector<const FeatureResult*>> by_position;  // all captures at once: the largest of them
     for (const auto& [capture, f] : features) {
-      if (planned.measurand == Measurand::form_sd) {
-        if (largest == nullptr || f->sd_mm > largest->sd_mm) largest = f;
-        continue;
-      }
-      const double value = planned.measurand == Measurand::form_range ? f->range_mm : f->shell_95_mm;
-      out.push_back(
-          form_quantity(plan, planned, gauge, value, *f, fmt::format("{}{}", capture + 1, part_words(gauge, part))));
+      const bool all = planned.measurand == Measurand::form_sd;
+      by_position[all ? 0 : of.series.position_of(capture)].push_back(f);
     }
-    if (largest != nullptr) {
-      out.push_back(form_quantity(plan, planned, gauge, largest->sd_mm, *largest,
-                                  fmt::format("largest of {}{}", features.size(), part_words(gauge, part))));
+    for (const auto& [position, some] : by_position) {
+      const FeatureResult& largest = **std::max_element(
+          some.begin(), some.end(), [&](const auto* a, const auto* b) { return value_of(*a) < value_of(*b); });
+      const std::string words = planned.measurand == Measurand::form_sd
+                                    ? fmt::format("largest of {}", some.size())
+                                    : position_words(position, static_cast<int>(some.size()), "largest");
+      out.push_back(
+          form_quantity(of.plan, planned, gauge, value_of(largest), largest, words + part_words(gauge, part)));
     }
   }
+}
+
+/// Where a length was read: position, and between which parts of the artefact.
+using Place = std::array<int, 3>;
+using ErrorsByPlace = std::map<Place, std::vector<double>>;
+
+double mean_of(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
+double squares_about(double mean, const std::vector<double>& values) {
+  double out = 0;
+  for (const double v : values) out += (v - mean) * (v - mean);
+  return out;
 }
 
 }  // namespace
@@ -215,15 +277,15 @@ std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, co
       switch (planned.measurand) {
         case Measurand::diameter_error:
         case Measurand::mean_diameter_error:
-          add_diameters(out, plan, planned, gauge, results, options);
+          add_diameters(out, {plan, series}, planned, gauge, results, options);
           break;
         case Measurand::distance_error:
-          add_distances(out, plan, planned, gauge, results, options);
+          add_distances(out, {plan, series}, planned, gauge, results, options);
           break;
         case Measurand::form_range:
         case Measurand::form_95:
         case Measurand::form_sd:
-          add_forms(out, plan, planned, gauge, results);
+          add_forms(out, {plan, series}, planned, gauge, results);
           break;
       }
     }
@@ -234,26 +296,35 @@ std::vector<Quantity> evaluate_series(const Plan& plan, const Series& series, co
 std::vector<GaugeSummary> summaries_of(const Series& series, const std::vector<Gauge>& gauges,
                                        const std::vector<CaptureResult>& results, const Environment& environment) {
   std::vector<GaugeSummary> out;
-  const auto add = [&](const std::string& symbol, const Gauge& gauge, const std::vector<double>& errors, double noise) {
-    if (errors.size() < 2) return;
-    const auto n = static_cast<double>(errors.size());
-    GaugeSummary s{symbol, gauge.name, static_cast<int>(errors.size()), series.repeats};
-    double squares = 0;
-    for (const double e : errors) s.mean_mm += e / n;
-    for (const double e : errors) squares += (e - s.mean_mm) * (e - s.mean_mm);
-    const double variance = squares / (n - 1);
-    s.repeatability_mm = series.repeats ? std::sqrt(variance) : noise;                               // eq. 1
-    if (!series.repeats) s.reproducibility_mm = std::sqrt(std::max(0.0, variance - noise * noise));  // eq. 2
+  const auto add = [&](const std::string& symbol, const Gauge& gauge, const ErrorsByPlace& errors, double noise) {
+    int readings = 0;
+    double within = 0;  // squares about the places' means
+    std::vector<double> means;
+    for (const auto& [place, all] : errors) {
+      readings += static_cast<int>(all.size());
+      means.push_back(mean_of(all));
+      within += squares_about(means.back(), all);
+    }
+    const auto places = static_cast<int>(means.size());
+    GaugeSummary s{symbol, gauge.name, readings, series.repeats, mean_of(means)};
+    s.repeatability_mm = readings > places ? std::sqrt(within / (readings - places)) : noise;  // eq. 1
+    if (!series.repeats && places > 1) {
+      const double variance = squares_about(s.mean_mm, means) / (places - 1),
+                   of_a_mean = s.repeatability_mm * s.repeatability_mm / series.captures_per_position;
+      s.reproducibility_mm = std::sqrt(std::max(0.0, variance - of_a_mean));  // eq. 2
+    }
     out.push_back(s);
   };
   for (const auto& planned : series.quantities) {
     for (const auto& name : series.artefacts) {
       const Gauge& gauge = gauge_named(gauges, name);
-      std::vector<double> errors;
+      ErrorsByPlace errors;
       double squares = 0;
-      const auto take = [&](double measured, double certified, double u_noise) {
-        errors.push_back(measured - length_at(gauge, certified, environment));
+      int readings = 0;
+      const auto take = [&](const Place& place, double measured, double certified, double u_noise) {
+        errors[series.repeats ? Place{} : place].push_back(measured - length_at(gauge, certified, environment));
         squares += u_noise * u_noise;
+        ++readings;
       };
       const bool distance = planned.measurand == Measurand::distance_error;
       if (!distance && planned.measurand != Measurand::diameter_error &&
@@ -261,16 +332,18 @@ std::vector<GaugeSummary> summaries_of(const Series& series, const std::vector<G
         continue;
       }
       for (const auto& r : results) {
+        const int position = series.position_of(r.capture);
         for (const auto& d : r.distances) {
-          if (distance && d.artefact == name) take(d.distance_mm, certified_mm(gauge, d), d.u_noise_mm);
+          if (!distance || d.artefact != name) continue;
+          take({position, d.from, d.to}, d.distance_mm, certified_mm(gauge, d), d.u_noise_mm);
         }
         for (const auto& f : r.features) {
           if (distance || f.artefact != name || !f.diameter_mm) continue;
-          take(*f.diameter_mm, gauge.diameter_mm[static_cast<std::size_t>(f.part)], f.u_noise_mm.value_or(0));
+          take({position, f.part, f.part}, *f.diameter_mm, gauge.diameter_mm[static_cast<std::size_t>(f.part)],
+               f.u_noise_mm.value_or(0));
         }
       }
-      add(planned.symbol, gauge, errors,
-          std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, errors.size()))));
+      if (readings > 1) add(planned.symbol, gauge, errors, std::sqrt(squares / readings));
     }
   }
   return out;

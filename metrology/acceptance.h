@@ -13,6 +13,11 @@
 //                   (for the standard deviation an upper bound)
 // of a later measurement of the same length at the same place:
 //   u_later^2 = u_ref^2 + s^2 + u_cal^2, s the repeatability where the series has repeats, else the capture's noise (6)
+// Where the plan has m captures of each position, what is tested is a length that is the mean of m captures: value and true error
+// are those of the mean, and u_later is that of a length measured in the same way,
+//   s^2 = (s_1^2 + .. + s_m^2) / m^2                                                                            (7)
+// with s_i of the noise and of the mean phase error of each capture. Nothing else becomes less: the certificate, the temperature
+// and the calibration are the same in all m.
 // The Monte Carlo behind `validation` propagates E = x - l (1 + alpha (t - t_ref)) itself, not its linear form.
 // Frame `world`, mm.
 #pragma once
@@ -34,6 +39,7 @@
 
 namespace fringecal::metrology {
 
+// u_noise: of the points, and of the mean phase error of each capture (calibration_uncertainty.h, eq. 2).
 struct FeatureResult {
   std::string artefact;                                             // its gauge
   int part = 0;                                                     // of its certificate: 0, 1, ...
@@ -48,7 +54,6 @@ struct FeatureResult {
 struct DistanceResult {
   std::string artefact;
   int from = 0, to = 1;
-  // u_noise: of the points, and of the capture's mean phase error (calibration_uncertainty.h, eq. 2; not of joined views).
   double distance_mm = 0, u_noise_mm = 0, u_calibration_mm = 0;
 };
 

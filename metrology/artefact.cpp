@@ -198,14 +198,34 @@ std::vector<ArtefactMeasurement> measure_all(const PointCloud& cloud, const mode
   return out;
 }
 
+namespace {
+
+constexpr std::size_t kForUncertainty = 2000;
+
+Result<double> diameter_of(const ArtefactMeasurement& measurement, std::span<const Eigen::Vector3d> moved) {
+  const auto surface = fit_surface(measurement.kind, moved, fitting::Rejection::none);
+  if (!surface) return tl::unexpected(surface.error());
+  return surface->diameter_mm;
+}
+
+}  // namespace
+
 Result<double> u_diameter_from_calibration(const ArtefactMeasurement& measurement, const model::Scanner& scanner) {
   require(measurement.diameter_mm.has_value(), "u of a diameter is asked of an artefact that has one");
-  const auto points = thinned(measurement.points_mm, 2000);
-  return u_from_calibration(points, scanner, [&](std::span<const Eigen::Vector3d> moved) -> Result<double> {
-    const auto surface = fit_surface(measurement.kind, moved, fitting::Rejection::none);
-    if (!surface) return tl::unexpected(surface.error());
-    return surface->diameter_mm;
-  });
+  return u_from_calibration(thinned(measurement.points_mm, kForUncertainty), scanner,
+                            [&](std::span<const Eigen::Vector3d> moved) { return diameter_of(measurement, moved); });
+}
+
+Result<double> u_diameter_from_phase_offset(const ArtefactMeasurement& measurement, const model::Scanner& scanner) {
+  require(measurement.diameter_mm.has_value(), "u of a diameter is asked of an artefact that has one");
+  const auto u = u_from_phase_offset({thinned(measurement.points_mm, kForUncertainty)}, scanner,
+                                     [&](const PointGroups& moved) -> Result<std::vector<double>> {
+                                       const auto diameter = diameter_of(measurement, moved.front());
+                                       if (!diameter) return tl::unexpected(diameter.error());
+                                       return std::vector<double>{*diameter};
+                                     });
+  if (!u) return tl::unexpected(u.error());
+  return u->front();
 }
 
 RepeatStatistics statistics_of(std::span<const RepeatValue> repeats) {

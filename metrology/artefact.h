@@ -71,6 +71,8 @@ std::vector<Eigen::Vector3d> thinned(std::span<const Eigen::Vector3d> points, st
 
 /// u_cal of a measured diameter (metrology/calibration_uncertainty.h), from at most 2000 of its points.
 Result<double> u_diameter_from_calibration(const ArtefactMeasurement& measurement, const model::Scanner& scanner);
+/// What the mean phase error of its capture makes of it (eq. 2 there), from as many.
+Result<double> u_diameter_from_phase_offset(const ArtefactMeasurement& measurement, const model::Scanner& scanner);
 
 /// The paper's evaluation of n repeats.
 struct RepeatStatistics {

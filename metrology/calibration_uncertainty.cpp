@@ -1,6 +1,7 @@
 #include "metrology/calibration_uncertainty.h"
 
 #include "calib/model/triangulate.h"
+#include "core/error.h"
 
 #include <fmt/format.h>
 
@@ -42,19 +43,27 @@ Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, co
 
 namespace {
 
-/// The quantities as a scanner with one parameter changed would have given them.
-Result<std::vector<double>> quantities_with(Eigen::Index parameter, double change, const PointGroups& groups_mm,
-                                            const model::Scanner& scanner, const GroupsFunction& quantities) {
+struct Change {
+  Eigen::Index parameter = 0;
+  double by = 0;
+};
+
+/// The quantities as a scanner with one parameter changed would have given them; of the groups for which `moves` says so.
+Result<std::vector<double>> quantities_with(
+    const Change& change, const PointGroups& groups_mm, const model::Scanner& scanner, const GroupsFunction& quantities,
+    const std::function<bool(std::size_t)>& moves = [](std::size_t) { return true; }) {
   const auto& names = scanner.uncertainty.names;
   Eigen::VectorXd changes = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(names.size()));
-  changes(parameter) = change;
+  changes(change.parameter) = change.by;
   const model::Scanner changed = scanner.changed_by(changes);
   PointGroups moved;
-  for (const auto& group : groups_mm) moved.push_back(retriangulate(group, scanner, changed));
+  for (std::size_t g = 0; g < groups_mm.size(); ++g) {
+    moved.push_back(moves(g) ? retriangulate(groups_mm[g], scanner, changed) : groups_mm[g]);
+  }
   auto values = quantities(moved);
   if (!values) {
     return unanswerable(fmt::format("with {} changed by its standard uncertainty the quantity has no value: {}",
-                                    names[static_cast<std::size_t>(parameter)], values.error().sentence));
+                                    names[static_cast<std::size_t>(change.parameter)], values.error().sentence));
   }
   return values;
 }
@@ -62,22 +71,36 @@ Result<std::vector<double>> quantities_with(Eigen::Index parameter, double chang
 }  // namespace
 
 Result<std::vector<double>> u_from_phase_offset(const PointGroups& groups_mm, const model::Scanner& scanner,
-                                                const GroupsFunction& quantities) {
+                                                const GroupsFunction& quantities,
+                                                std::span<const int> capture_of_group) {
+  require(capture_of_group.empty() || capture_of_group.size() == groups_mm.size(), "each group is of one capture");
   const auto& names = scanner.uncertainty.names;
   const std::string shift = scanner.projector.main_axis() == CodeAxis::x ? "projector.x.u0" : "projector.y.u0";
   const auto at = std::find(names.begin(), names.end(), shift);
   const auto prior = std::find_if(scanner.priors.begin(), scanner.priors.end(),
                                   [](const model::Prior& p) { return p.parameter == "capture.phase_offset"; });
   const double offset = at == names.end() || prior == scanner.priors.end() ? 0.0 : prior->u;
-  const Eigen::Index parameter = at - names.begin();
-  const auto low =
-      offset > 0 ? quantities_with(parameter, -offset, groups_mm, scanner, quantities) : quantities(groups_mm);
-  if (!low) return tl::unexpected(low.error());
-  std::vector<double> out(low->size(), 0.0);
-  if (!(offset > 0)) return out;
-  const auto high = quantities_with(parameter, offset, groups_mm, scanner, quantities);
-  if (!high) return tl::unexpected(high.error());
-  for (std::size_t k = 0; k < out.size(); ++k) out[k] = 0.5 * std::abs((*high)[k] - (*low)[k]);  // eq. 2
+  if (!(offset > 0)) {
+    const auto values = quantities(groups_mm);
+    if (!values) return tl::unexpected(values.error());
+    return std::vector<double>(values->size(), 0.0);
+  }
+  const int captures =
+      capture_of_group.empty() ? 1 : *std::max_element(capture_of_group.begin(), capture_of_group.end()) + 1;
+  std::vector<double> out;
+  for (int capture = 0; capture < captures; ++capture) {
+    const auto moves = [&](std::size_t g) { return capture_of_group.empty() || capture_of_group[g] == capture; };
+    const auto shifted = [&](double by) {
+      return quantities_with({at - names.begin(), by}, groups_mm, scanner, quantities, moves);
+    };
+    const auto low = shifted(-offset), high = shifted(offset);
+    if (!low) return tl::unexpected(low.error());
+    if (!high) return tl::unexpected(high.error());
+    out.resize(low->size(), 0.0);
+    for (std::size_t k = 0; k < out.size(); ++k) {
+      out[k] = std::hypot(out[k], 0.5 * ((*high)[k] - (*low)[k]));  // eq. 2
+    }
+  }
   return out;
 }
 
@@ -92,7 +115,7 @@ Result<std::vector<double>> u_from_calibration_of_groups(const PointGroups& grou
     if (!(step > 0)) continue;
     std::vector<double> y[2];
     for (const int side : {0, 1}) {
-      auto values = quantities_with(i, side == 0 ? -step : step, groups_mm, scanner, quantities);
+      auto values = quantities_with({i, side == 0 ? -step : step}, groups_mm, scanner, quantities);
       if (!values) return tl::unexpected(values.error());
       y[side] = *std::move(values);
     }

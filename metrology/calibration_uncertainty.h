@@ -35,10 +35,12 @@ Result<std::vector<double>> u_from_calibration_of_groups(const PointGroups& grou
 
 /// What the mean error of one capture's phase steps makes of them: a shift o of u, the same for all points of the capture and new in
 /// the next, with the standard deviation that the calibration's own captures had (the Scanner's prior capture.phase_offset):
-///   u_capture(y) = |y(u0 + o) - y(u0 - o)| / 2,   u0 of the projector, which shifts u as well                      (2)
-/// Zeros where the Scanner states no such prior.
+///   u_capture^2(y) = sum_c ([y(u0 + o in c) - y(u0 - o in c)] / 2)^2,   u0 of the projector, which shifts u as well   (2)
+/// over the captures c that y is made from: the shift of one says nothing of the next one's, so that their parts are independent.
+/// capture_of_group: which capture each group is of, 0, 1, ...; empty: all of one. Zeros where the Scanner states no such prior.
 Result<std::vector<double>> u_from_phase_offset(const PointGroups& groups_mm, const model::Scanner& scanner,
-                                                const GroupsFunction& quantities);
+                                                const GroupsFunction& quantities,
+                                                std::span<const int> capture_of_group = {});
 
 /// Eq. 1, in the unit of the quantity.
 Result<double> u_from_calibration(std::span<const Eigen::Vector3d> points_mm, const model::Scanner& scanner,

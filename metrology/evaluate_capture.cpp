@@ -19,9 +19,12 @@ Result<bool> add_gauge(const Plan& plan, const Gauge& gauge, const std::vector<A
     if (!one) return unanswerable(fmt::format("{}: {}", m.name, one.error().sentence));
     one->result.part = static_cast<int>(features.size());
     if (m.diameter_mm) {
-      const auto u = u_diameter_from_calibration(m, scanner);
-      if (!u) return unanswerable(fmt::format("{}: {}", m.name, u.error().sentence));
+      const auto u = u_diameter_from_calibration(m, scanner), u_capture = u_diameter_from_phase_offset(m, scanner);
+      for (const auto* part : {&u, &u_capture}) {
+        if (!*part) return unanswerable(fmt::format("{}: {}", m.name, part->error().sentence));
+      }
       one->result.u_calibration_mm = *u;
+      one->result.u_noise_mm = std::hypot(one->result.u_noise_mm.value_or(0), *u_capture);
     }
     features.push_back(*std::move(one));
   }

@@ -101,12 +101,17 @@ Result<std::vector<std::size_t>> order_of(const std::vector<ArtefactMeasurement>
   return out;
 }
 
-/// The groups that the calibration moves: view after view its references, then its spheres.
-PointGroups groups_of(const std::vector<SeenView>& views) {
-  PointGroups out;
-  for (const auto& view : views) {
-    for (const auto& m : view.references) out.push_back(thinned(m.points_mm, kReferencePoints));
-    for (const auto& m : view.spheres) out.push_back(thinned(m.points_mm, kArtefactPoints));
+/// The groups that the calibration moves: view after view its references, then its spheres; and of which view each is.
+struct ViewGroups {
+  PointGroups points_mm;
+  std::vector<int> view;
+};
+ViewGroups groups_of(const std::vector<SeenView>& views) {
+  ViewGroups out;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    for (const auto& m : views[v].references) out.points_mm.push_back(thinned(m.points_mm, kReferencePoints));
+    for (const auto& m : views[v].spheres) out.points_mm.push_back(thinned(m.points_mm, kArtefactPoints));
+    out.view.resize(out.points_mm.size(), static_cast<int>(v));
   }
   return out;
 }
@@ -206,13 +211,17 @@ Result<CaptureResult> evaluate_views(const Plan& plan, const Series& series, int
   CaptureResult out{.capture = capture};
   out.joined = JoinedViews{static_cast<int>(clouds.size()), static_cast<int>(registration->spheres_mm.size()),
                            registration->sphere_rms_mm};
-  const auto u = u_from_calibration_of_groups(groups_of(*views), scanner,
-                                              [&](const PointGroups& moved) -> Result<std::vector<double>> {
-                                                const auto points = rejoined(moved, *views, parts, series, capture);
-                                                if (!points) return tl::unexpected(points.error());
-                                                return lengths_of(*points, *order, gauge);
-                                              });
-  if (!u) return unanswerable(fmt::format("{}: {}", gauge.name, u.error().sentence));
+  const auto lengths = [&](const PointGroups& moved) -> Result<std::vector<double>> {
+    const auto points = rejoined(moved, *views, parts, series, capture);
+    if (!points) return tl::unexpected(points.error());
+    return lengths_of(*points, *order, gauge);
+  };
+  const ViewGroups groups = groups_of(*views);
+  const auto u = u_from_calibration_of_groups(groups.points_mm, scanner, lengths),
+             u_captures = u_from_phase_offset(groups.points_mm, scanner, lengths, groups.view);
+  for (const auto* part : {&u, &u_captures}) {
+    if (!*part) return unanswerable(fmt::format("{}: {}", gauge.name, part->error().sentence));
+  }
   std::vector<ArtefactMeasurement> ordered;
   std::vector<Feature> features;
   for (const std::size_t k : *order) {
@@ -221,12 +230,15 @@ Result<CaptureResult> evaluate_views(const Plan& plan, const Series& series, int
     if (!one) return unanswerable(fmt::format("{}: {}", gauge.name, one.error().sentence));
     one->result.part = static_cast<int>(features.size());
     one->result.u_calibration_mm = (*u)[features.size()];
+    one->result.u_noise_mm = std::hypot(one->result.u_noise_mm.value_or(0), (*u_captures)[features.size()]);
     features.push_back(*std::move(one));
   }
   for (const auto& certified : distances_of(gauge)) {
     auto distance = distance_between(gauge, certified, ordered, features);
     if (!distance) return tl::unexpected(distance.error());
-    distance->u_calibration_mm = (*u)[features.size() + out.distances.size()];
+    const std::size_t at = features.size() + out.distances.size();
+    distance->u_calibration_mm = (*u)[at];
+    distance->u_noise_mm = std::hypot(distance->u_noise_mm, (*u_captures)[at]);
     out.distances.push_back(*distance);
   }
   for (auto& feature : features) out.features.push_back(std::move(feature.result));

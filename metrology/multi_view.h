@@ -8,7 +8,8 @@
 //      points are united and fitted once (acceptance.h, eqs. 1 to 3, with the plan's rejection).
 // So PF holds the scanner's form error *and* what the views disagree by, PS and SD what the registration bends.
 // What the calibration's uncertainty makes of a quantity (calibration_uncertainty.h): all views move with the same change of
-// the parameters, are joined anew by their changed references, and united anew.
+// the parameters, are joined anew by their changed references, and united anew. Of the mean phase errors of its captures (eq. 2
+// there): each view is a capture and moves by itself, the others stay; its references move with it and carry it back in part.
 // A step, a flat or a cylinder, a sphere that fewer than two views see, too few references: no result, with the view.
 #pragma once
 

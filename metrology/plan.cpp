@@ -21,6 +21,8 @@ constexpr std::array kMeasurands = {std::pair(Measurand::diameter_error, "diamet
                                     std::pair(Measurand::form_95, "form_95"),
                                     std::pair(Measurand::form_sd, "form_sd")};
 
+constexpr int kMostPerPosition = 26;  // a letter each
+
 Measurand measurand_from(Fields& fields) {
   const std::string name = fields.text("measurand");
   std::string known;
@@ -53,12 +55,12 @@ void read_places(Fields& fields, Series& s) {
     std::copy(numbers.begin(), numbers.end(), place.begin());
     s.places.push_back(place);
   }
-  const bool one_for_all = s.repeats || s.captures == 1;
+  const bool one_for_all = s.repeats || s.positions() == 1;
   const std::size_t wanted =
-      one_for_all ? s.artefacts.size() : static_cast<std::size_t>(s.captures) * s.artefacts.size();
+      one_for_all ? s.artefacts.size() : static_cast<std::size_t>(s.positions()) * s.artefacts.size();
   if (s.places.size() != wanted) {
-    fields.complain(fmt::format("places has {} entries where {} captures of {} artefacts need {}", s.places.size(),
-                                s.captures, s.artefacts.size(), wanted));
+    fields.complain(fmt::format("places has {} entries where {} positions of {} artefacts need {}", s.places.size(),
+                                s.positions(), s.artefacts.size(), wanted));
   }
 }
 
@@ -94,6 +96,18 @@ Series read_series(Fields fields) {
   s.repeats = fields.optional_boolean("repeats").value_or(false);
   if (s.artefacts.empty()) fields.complain("artefacts is empty; name at least one of artefacts.toml");
   if (s.captures < 1 || s.captures > 999) fields.complain(fmt::format("captures is {}; give 1 to 999", s.captures));
+  s.captures_per_position = fields.optional_integer("captures_per_position").value_or(1);
+  if (s.captures_per_position < 1 || s.captures_per_position > kMostPerPosition) {
+    fields.complain(
+        fmt::format("captures_per_position is {}; give 1 to {}", s.captures_per_position, kMostPerPosition));
+  }
+  if (s.captures % s.captures_per_position != 0) {
+    fields.complain(fmt::format("captures is {}, which is not a multiple of captures_per_position, {}", s.captures,
+                                s.captures_per_position));
+  }
+  if (s.repeats && s.captures_per_position > 1) {
+    fields.complain("repeats are captures of one place already; leave captures_per_position out");
+  }
   for (auto& q : fields.tables("quantity")) s.quantities.push_back(read_quantity(std::move(q)));
   read_places(fields, s);
   if (auto views = fields.optional_table("views")) s.views = read_views(*std::move(views));
@@ -108,7 +122,7 @@ Series read_series(Fields fields) {
 std::vector<std::array<double, 6>> Series::places_of(int capture) const {
   const std::size_t n = artefacts.size();
   if (places.empty()) return {};
-  const std::size_t first = places.size() == n ? 0 : static_cast<std::size_t>(capture) * n;
+  const std::size_t first = places.size() == n ? 0 : static_cast<std::size_t>(position_of(capture)) * n;
   return {places.begin() + static_cast<std::ptrdiff_t>(first), places.begin() + static_cast<std::ptrdiff_t>(first + n)};
 }
 
@@ -155,7 +169,11 @@ Plan read_plan(const std::string& name) {
   return plan;
 }
 
-std::string capture_name(const Series& series, int capture) { return fmt::format("{}-{:02}", series.scene, capture); }
+std::string capture_name(const Series& series, int capture) {
+  const std::string position = fmt::format("{}-{:02}", series.scene, series.position_of(capture));
+  const int which = capture % series.captures_per_position;
+  return series.captures_per_position > 1 ? position + static_cast<char>('a' + which) : position;
+}
 
 std::string view_name(const Series& series, int capture, int view) {
   const std::string name = capture_name(series, capture);

@@ -8,7 +8,10 @@
 //   scene = "ball_bar"             # name of the place list; captures are called SCENE-00, SCENE-01, ...
 //   artefacts = ["bar150"]         # of artefacts.toml; all in the field at once
 //   captures = 7                   # positions, or repeats at one place (`repeats = true`)
-//   places = [[0, 0, 0, 0, 0, 90], ...]  # optional, for prediction and drawing: where the artefact stands in each capture,
+//   captures_per_position = 3      # optional, 1: so many captures in a row of the artefact left where it is; `captures` is then all
+//                                  # of them, 21 of 7 positions, called SCENE-00a, SCENE-00b, SCENE-00c, SCENE-01a, ...; a length at
+//                                  # a position is the mean of its captures, a form the largest of them
+//   places = [[0, 0, 0, 0, 0, 90], ...]  # optional, for prediction and drawing: where the artefact stands at each position,
 //                                  # x, y, z in mm and a rotation vector in degrees, frame `world`; of repeats, and of
 //                                  # several artefacts, one place per artefact. A bar lies along x, a cylinder along z, a
 //                                  # flat's normal is z; a plate's middle is the mean of its centres; a step's lower
@@ -65,11 +68,14 @@ struct Series {
   std::string scene;
   std::vector<std::string> artefacts;
   int captures = 1;
-  bool repeats = false;  // the same place again, instead of another position
+  int captures_per_position = 1;  // 2 or more: averaged
+  bool repeats = false;           // the same place again, instead of another position
   std::vector<PlannedQuantity> quantities;
   std::vector<std::array<double, 6>> places;
   std::optional<SeriesViews> views;
 
+  int positions() const { return captures / captures_per_position; }
+  int position_of(int capture) const { return capture / captures_per_position; }
   int views_of_a_capture() const { return views ? static_cast<int>(views->turns_deg.size()) : 1; }
   /// One place per artefact for that capture; empty where the plan has none.
   std::vector<std::array<double, 6>> places_of(int capture) const;
@@ -90,7 +96,7 @@ Plan read_plan(const std::string& name);
 std::string plan_text(const std::string& name);
 std::vector<std::string> shipped_plans();
 
-/// "ball_bar-03": the capture of that series.
+/// "ball_bar-03": the capture of that series; "ball_bar-03b" where a position has several.
 std::string capture_name(const Series& series, int capture);
 /// "turned_bar-03-1": one view of it; the capture's name where it has one view only.
 std::string view_name(const Series& series, int capture, int view);

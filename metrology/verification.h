@@ -52,8 +52,9 @@ struct ArtefactUsed {
 };
 
 /// A gauge-type summary of one quantity over a series.
-///   repeatability    s of the repeats at one place; without repeats the root mean square of the captures' own noise   (1)
-///   reproducibility  sqrt(max(0, s^2 - repeatability^2)), s over the places                                       (2)
+///   repeatability    s of the repeats at one place, pooled over the places; without repeats the root mean square of the
+///                    captures' own noise                                                                           (1)
+///   reproducibility  sqrt(max(0, s^2 - repeatability^2 / m)), s over the places, each the mean of m captures            (2)
 /// The artefact's certificate is common to all and in neither.
 struct GaugeSummary {
   std::string symbol, artefact;

@@ -28,10 +28,13 @@ Markup unbroken(const std::string& words) {
   return words.size() <= kShort ? element("span", {{"class", "unbroken"}}, text(words)) : text(words);
 }
 
-/// "3" says nothing by itself.
+/// "3" says nothing by itself; "3, mean of 3" has a number and a name.
 std::string position_text(const ResultLine& line, const Catalogue& words) {
-  const bool bare = line.position.find_first_not_of("0123456789") == std::string::npos && !line.position.empty();
-  return bare ? words("results.position") + " " + line.position : words.name(line.position);
+  const auto end = std::min(line.position.find_first_not_of("0123456789"), line.position.size());
+  const std::string number = line.position.substr(0, end), rest = line.position.substr(end);
+  if (number.empty()) return words.name(line.position);
+  if (rest.empty()) return words("results.position") + " " + number;
+  return rest.starts_with(", ") ? number + ", " + words.name(rest.substr(2)) : line.position;
 }
 
 Markup verdict_cell(const ResultLine& line, const Catalogue& words) {

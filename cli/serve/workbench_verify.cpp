@@ -77,7 +77,8 @@ Value Workbench::verification_space(const std::string& name) const {
   for (const auto& series : plan.series) {
     for (int i = 0; i < series.captures; ++i) {
       const std::string capture = metrology::capture_name(series, i);
-      Value position = Value::object().set("capture", capture).set("scene", series.scene).set("number", i + 1);
+      Value position =
+          Value::object().set("capture", capture).set("scene", series.scene).set("number", series.position_of(i) + 1);
       position.set("artefacts", artefacts_of(series, i, gauges));
       const fs::path result = folder / "captures" / (capture + ".json");
       if (there(result)) position.set("fits", fits_of(cached(result), folder, capture));

@@ -26,9 +26,9 @@ struct Measured {
 };
 
 Measured measured(const cli::VirtualVerification& v, const model::Scanner& scanner, const std::string& plan,
-                  const std::string& scene, int place) {
+                  const std::string& scene, int place, int again = 0) {
   const auto& table = scanner.linearisation;
-  auto map = decode::decode_for_measuring(v.capture(plan, fmt::format("{} {}", scene, place)), CodeAxis::x,
+  auto map = decode::decode_for_measuring(v.capture(plan, fmt::format("{} {}", scene, place), 1, again), CodeAxis::x,
                                           table ? &*table : nullptr)
                  .map;
   auto cloud = metrology::reconstruct(map, scanner, {.normals = false}).cloud;
@@ -193,11 +193,12 @@ void add_scene(InstrumentAccuracy& out, const cli::VirtualVerification& v, const
 void add_bars(InstrumentAccuracy& out, const cli::VirtualVerification& v, const model::Scanner& scanner, int bars) {
   auto plan = metrology::read_plan("vdi2634-2");
   auto& series = plan.series.at(1);
-  series.captures = bars;
+  series.captures = bars * series.captures_per_position;
   series.quantities.push_back({metrology::Measurand::diameter_error, "PS", "probing error, size", {}});
   std::vector<metrology::CaptureResult> results;
-  for (int i = 0; i < bars; ++i) {
-    const auto one = measured(v, scanner, "bars", series.scene, i);
+  for (int i = 0; i < series.captures; ++i) {
+    const auto one =
+        measured(v, scanner, "bars", series.scene, series.position_of(i), i % series.captures_per_position);
     auto result = metrology::evaluate_capture(plan, series, i, v.gauges(), one.cloud, scanner);
     if (!result) throw std::runtime_error("ball bar: " + result.error().sentence);
     results.push_back(*std::move(result));

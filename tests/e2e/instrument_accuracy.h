@@ -23,7 +23,7 @@ struct ArtefactAccuracy {
   double worst_form_sd_mm = 0, worst_sd_over_bound = 0, ripple_mm = 0;
 };
 
-/// One quantity of one capture. `error`: as stated by the verification, with its U; `true_error` by the truth.
+/// One length of one position, the mean of its captures as the plan vdi2634-2 has them. `error`: as stated by the verification, with its U; `true_error` by the truth.
 struct JudgedError {
   std::string symbol;
   double error_mm = 0, U_mm = 0, true_error_mm = 0, u_later_mm = 0;

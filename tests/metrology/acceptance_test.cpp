@@ -125,7 +125,11 @@ TEST(Plans, ShippedOnesAreReadAndNameTheirSource) {
     EXPECT_FALSE(plan.source.empty()) << name;
     EXPECT_FALSE(plan.series.empty()) << name;
   }
-  EXPECT_EQ(read_plan("vdi2634-2").series[1].captures, 7);
+  const auto bars = read_plan("vdi2634-2").series[1];
+  EXPECT_EQ(bars.positions(), 7);
+  EXPECT_EQ(bars.captures, 35);
+  EXPECT_EQ(capture_name(bars, 34), "ball_bar-06e");
+  EXPECT_EQ(bars.places_of(21), (std::vector{bars.places[4]}));
 }
 
 TEST(Plans, AreRefusedWithTheNamesThatThereAre) {
@@ -134,6 +138,21 @@ TEST(Plans, AreRefusedWithTheNamesThatThereAre) {
   std::string text = plan_text("quick");
   text.replace(text.find("distance_error"), 14, "length_error");
   EXPECT_NE(message_of<InputError>([&] { read_plan(folder.write("p.toml", text)); }).find("known: diameter_error"),
+            std::string::npos);
+}
+
+TEST(Plans, WithSeveralCapturesOfAPositionAreChecked) {
+  const TemporaryFolder folder;
+  const auto refusal = [&](const std::string& from, const std::string& to) {
+    std::string text = plan_text("vdi2634-2");
+    text.replace(text.find(from), from.size(), to);
+    return message_of<InputError>([&] { read_plan(folder.write("p.toml", text)); });
+  };
+  EXPECT_NE(refusal("captures = 35", "captures = 34").find("not a multiple"), std::string::npos);
+  EXPECT_NE(refusal("captures_per_position = 5", "captures_per_position = 0").find("give 1 to 26"), std::string::npos);
+  EXPECT_NE(refusal("captures_per_position = 5", "captures_per_position = 7").find("7 entries where 5"),
+            std::string::npos);
+  EXPECT_NE(refusal("captures_per_position = 5", "captures_per_position = 5\nrepeats = true").find("leave"),
             std::string::npos);
 }
 
@@ -205,6 +224,47 @@ TEST(GaugeSummary, SeparatesRepeatabilityFromThePlaces) {
   const auto repeats = summaries_of(plan.series[0], {sphere30()}, results, {20, 0, {}});
   EXPECT_NEAR(repeats[0].repeatability_mm, 0.003, 1e-12);
   EXPECT_EQ(repeats[0].reproducibility_mm, 0);
+}
+
+// Two positions of two captures: within them +-0.001 about the mean, s^2 = 4 (0.001)^2 / (4 - 2); the means are -0.002 and
+// +0.004 off 30.001, their variance 0.000018, of which half of s^2 is repeatability.
+TEST(GaugeSummary, TakesRepeatabilityFromTheCapturesOfAPosition) {
+  auto plan = plan_with(Measurand::diameter_error);
+  plan.series[0].captures = 4;
+  plan.series[0].captures_per_position = 2;
+  const std::vector<CaptureResult> results = {capture_of(0, 29.998), capture_of(1, 30.000), capture_of(2, 30.004),
+                                              capture_of(3, 30.006)};
+  const auto summary = summaries_of(plan.series[0], {sphere30()}, results, {20, 0, {}}).front();
+  EXPECT_EQ(summary.captures, 4);
+  EXPECT_NEAR(summary.mean_mm, 0.001, 1e-12);
+  EXPECT_NEAR(summary.repeatability_mm, std::sqrt(2.0) * 0.001, 1e-12);
+  EXPECT_NEAR(summary.reproducibility_mm, std::sqrt(0.000018 - 0.000001), 1e-12);
+}
+
+// Noise 0.001 of each of two captures, 0.001 / sqrt(2) of their mean; the calibration's 0.002 and the certificate's 0.0005 are
+// the same in both.
+TEST(EvaluateSeries, AveragesTheCapturesOfAPositionAndOnlyWhatIsNewInEach) {
+  auto plan = plan_with(Measurand::diameter_error);
+  plan.series[0].captures = 4;
+  plan.series[0].captures_per_position = 2;
+  const std::vector<CaptureResult> results = {capture_of(3, 30.006), capture_of(1, 30.000), capture_of(2, 30.004),
+                                              capture_of(0, 29.998)};
+  const EvaluateOptions options{.environment = {20, 0, {}}};
+  const auto quantities = evaluate_series(plan, plan.series[0], {sphere30()}, results, options);
+  ASSERT_EQ(quantities.size(), 2u);
+  EXPECT_EQ(quantities[0].position, "1, mean of 2");
+  EXPECT_EQ(quantities[1].position, "2, mean of 2");
+  EXPECT_NEAR(quantities[0].value, -0.002, 1e-12);
+  EXPECT_NEAR(quantities[1].value, 0.004, 1e-12);
+  EXPECT_EQ(quantities[0].n_points, 8000);
+  EXPECT_NEAR(quantities[0].uncertainty.u, 0.0005, 1e-12) << "the scanner's noise is what is tested";
+  EXPECT_NEAR(*quantities[0].u_of_later_measurements,
+              std::sqrt(std::pow(0.0005, 2) + std::pow(0.001, 2) / 2 + std::pow(0.002, 2)), 1e-12);
+  plan.series[0].quantities[0].measurand = Measurand::form_range;
+  const auto forms = evaluate_series(plan, plan.series[0], {sphere30()}, results, options);
+  ASSERT_EQ(forms.size(), 2u);
+  EXPECT_EQ(forms[1].position, "2, largest of 2");
+  EXPECT_NEAR(forms[1].value, 0.17, 1e-12);
 }
 
 TEST(EvaluateSeries, TakesTheLargestFormStandardDeviation) {

@@ -84,10 +84,11 @@ TEST(Prediction, NamesACaptureThatCannotBeEvaluated) {
 TEST(Prediction, DrawsWhatTheShippedPlansPlace) {
   const auto plan = read_plan("vdi2634-2");
   for (const auto& series : plan.series) {
-    EXPECT_EQ(series.places.size(), static_cast<std::size_t>(series.captures)) << series.scene;
+    EXPECT_EQ(series.places.size(), static_cast<std::size_t>(series.positions())) << series.scene;
   }
   Gauge bar{.name = "bar150", .kind = GaugeKind::ball_bar, .diameter_mm = {30, 30}, .distance_mm = 150};
-  const auto lines = outlines_of(plan.series[1], 1, {bar});  // along Y, as it is turned by 90 degrees
+  const auto lines =
+      outlines_of(plan.series[1], 5, {bar});  // its second position: along Y, as it is turned by 90 degrees
   ASSERT_EQ(lines.size(), 3u);
   EXPECT_NEAR((lines[2][1] - lines[2][0]).y(), 150, 1e-9);
   const auto fields = fields_of(plan, scanner());
