@@ -217,6 +217,7 @@ struct Places {
 Places places_of(const std::vector<BitMisalignment>& bits, const Slots& slots, const GratingLayout& layout,
                  int stacks) {
   std::vector<double> place_mm;  // along the slide: the bits used, then the phase steps
+  place_mm.reserve(bits.size() + slots.phase_steps.size());
   for (const auto& b : bits) place_mm.push_back(slots.gray[b.bit] * layout.pattern_pitch_mm);
   for (const double slot : slots.phase_steps) place_mm.push_back(slot * layout.pattern_pitch_mm);
   const auto [first, last] = std::minmax_element(place_mm.begin(), place_mm.end());
@@ -404,7 +405,7 @@ Result<Misalignment> measure_misalignment(const Capture& capture, const GratingL
                       "of the patterns on the slide",
                       b, measured.farthest, code.stripes_per_period));
     }
-    bits.push_back(std::move(measured));
+    bits.push_back(measured);
     double top = 0, bottom = 0;
     for (const auto& m : bits) {
       top += m.bit.lever_mm * m.bit.delta_mm.value;

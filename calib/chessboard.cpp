@@ -174,6 +174,7 @@ Result<std::vector<Eigen::Vector2d>> find_chessboard(const Image<float>& image, 
                     board.columns, board.rows));
   }
   std::vector<Eigen::Vector2d> places;
+  places.reserve(corners.size());
   // Pixel (0, 0) is a centre in both: a centre x of the small copy lies at (x + 0.5) / shrink - 0.5.
   for (const auto& c : corners) places.emplace_back((c.x + 0.5) / shrink - 0.5, (c.y + 0.5) / shrink - 0.5);
   const std::vector<Eigen::Vector2d> start = places;

@@ -89,6 +89,7 @@ std::optional<LocalFit> fit_window(const decode::PhaseMap& map, const Eigen::Vec
   double scale = 0;
   const double origin = [&] {
     std::vector<double> values;
+    values.reserve(samples.size());
     for (const Sample& s : samples) values.push_back(s.value);
     return median(values);
   }();

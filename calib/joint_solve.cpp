@@ -87,6 +87,7 @@ int reject(Bundle& bundle, const std::vector<Reading>& readings, const std::vect
   std::vector<std::vector<double>> sizes(kGroups * bundle.cam_from_board.size());
   for (const Reading& r : readings) sizes[slot(r)].push_back(size_of(r));
   std::vector<double> limit;
+  limit.reserve(sizes.size());
   for (auto& s : sizes) {
     limit.push_back(kRejectBeyond * (s.empty() ? 1.0 : std::max(1.0, 1.4826 * median(std::move(s)))));
   }

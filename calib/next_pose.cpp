@@ -121,9 +121,9 @@ Result<NextPose> propose_next_pose(const model::Scanner& s, const Eigen::MatrixX
   const std::pair<double, double> turns[] = {{0, 0},  {25, 0},  {-25, 0}, {0, 25}, {0, -25},
                                              {40, 0}, {-40, 0}, {0, 40},  {0, -40}};
   for (int place = 0; place < 27; ++place) {
-    const Eigen::Vector2d pixel((0.3 + 0.2 * (place % 3)) * s.camera.width_px,
-                                (0.3 + 0.2 * (place / 3 % 3)) * s.camera.height_px);
-    const double z = heights_mm.first + (heights_mm.second - heights_mm.first) * 0.5 * (place / 9);
+    const int column = place % 3, row = place / 3 % 3, layer = place / 9;
+    const Eigen::Vector2d pixel((0.3 + 0.2 * column) * s.camera.width_px, (0.3 + 0.2 * row) * s.camera.height_px);
+    const double z = heights_mm.first + (heights_mm.second - heights_mm.first) * 0.5 * layer;
     const auto ray = s.camera.ray(pixel);
     if (!ray) continue;
     const Eigen::Vector3d direction = world_from_cam.rotation * *ray, eye = world_from_cam.translation_mm;

@@ -191,6 +191,7 @@ Result<OtherSolution> solve_with_mrcal(std::span<const PlanarView> views, int wi
   const std::size_t count = terms == DistortionTerms::full ? 5 : 4;
   for (std::size_t i = 0; i < count; ++i) c.distortion[i] = intrinsics[4 + i];
   std::vector<Rigid3> poses;
+  poses.reserve(frames.size());
   for (const mrcal_pose_t& f : frames) {
     poses.push_back({rotation_from_vector({f.r.xyz[0], f.r.xyz[1], f.r.xyz[2]}), {f.t.xyz[0], f.t.xyz[1], f.t.xyz[2]}});
   }
@@ -223,7 +224,7 @@ Result<CrossCheck> cross_check(std::span<const PlanarView> views, int width_px, 
                                              : solve_with_opencv(rounded, width_px, height_px, out.terms, 1000);
   if (!theirs) return tl::unexpected(theirs.error());
   out.ours = std::move(*ours);
-  out.theirs = std::move(*theirs);
+  out.theirs = *theirs;
   for (const Rigid3& pose : out.ours.cam_from_board) {
     out.distance_mm += pose.translation_mm.z() / static_cast<double>(out.ours.cam_from_board.size());
   }

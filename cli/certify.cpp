@@ -35,7 +35,7 @@ struct CertifyArguments {
   bool json = false;
 };
 
-std::string first_line(std::string text) { return text.substr(0, text.find_first_of("\r\n")); }
+std::string first_line(const std::string& text) { return text.substr(0, text.find_first_of("\r\n")); }
 
 /// From the file, from the environment, or asked for at the terminal; never from the command line, which others can see.
 std::string passphrase(const CertifyArguments& arguments) {

@@ -30,6 +30,7 @@ void record_step(const CommissionSession& session, const InstrumentSheet& sheet,
   auto calibration = metrology::record_of(model::read_scanner(session.path("scanner.json")), utc_now());
   calibration.scanner = sheet.identification;
   std::vector<CaptureInfo> captures;
+  captures.reserve(kBoardPoses);
   for (int i = 0; i < kBoardPoses; ++i) {
     captures.push_back(read_capture_info(session.path(fmt::format("calibration/pose-{:02}", i))));
   }

@@ -26,7 +26,7 @@ struct Samples {
   std::variant<std::vector<std::uint8_t>, std::vector<std::uint16_t>> values;
 };
 
-/// 2^28: sixteen times the largest industrial area sensors (about 150 megapixels go to 2^27.2).
+/// 2^28: above the largest industrial area sensors (about 150 megapixels, 2^27.2).
 constexpr std::int64_t kMaxPixels = std::int64_t{1} << 28;
 /// Deflate expands at most 1032 : 1 (a 258-byte match in 2 bits); LZW with 12-bit codes stays below 2800 : 1.
 constexpr std::int64_t kMaxExpansion = 2800;

@@ -1,10 +1,12 @@
 // What may reach the stream of a GigE Vision camera: a filter in the kernel on the socket of Aravis's receiver. Aravis
-// 0.8.26 trusts the length and number of a packet: a datagram shorter than its header, sent by anybody in the network, makes
-// it copy a negative number of bytes (found by ./dev fuzz). Let through are packets with
-//   a whole header                  8 bytes, 20 with extended ids                                                  (1)
-//   a kind that an image has        leader, trailer, data
-//   data: a number n in the frame   1 <= n <= ceil(payload / room),  room = packet size - 28 - header              (2)
-// Everything else counts as not received. [GigEVision, GVSP packet header]
+// 0.8.26 trusts length, kind and number of a packet, sent by anybody in the network (both found by ./dev fuzz): a datagram
+// shorter than its header makes it copy a negative number of bytes, and a trailer that comes first ask for as much memory as
+// its number says, up to 64 GB. Let through are packets with
+//   a whole header                   8 bytes, 20 with extended ids                                                 (1)
+//   leader:  of an image             not of several parts, whose announced sizes are believed as well              (2)
+//   data:    a number in the frame   1 <= n <= m = ceil(payload / room),  room = packet size - 28 - header         (3)
+//   trailer: behind some data        1 <= n <= m + 1                                                               (4)
+// Everything else counts as not received. [GigEVision, GVSP packet header and leader]
 #pragma once
 
 #include <cstdint>

@@ -152,6 +152,7 @@ Result<std::vector<ArtefactMeasurement>> measure_artefacts(const PointCloud& clo
   std::vector<std::vector<Eigen::Vector3d>> segment_points;  // thinned
   for (const auto& segment : segments) {
     std::vector<Eigen::Vector3d> points;
+    points.reserve(segment.size());
     for (const std::size_t i : segment) points.push_back(cloud.points[i].position_mm);
     segment_points.push_back(thinned(points, kThinned));
   }
@@ -186,6 +187,7 @@ std::vector<ArtefactMeasurement> measure_all(const PointCloud& cloud, const mode
   std::vector<ArtefactMeasurement> out;
   for (const auto& segment : segments_of(cloud, options.max_gap_mm, options.min_points)) {
     std::vector<Eigen::Vector3d> points;
+    points.reserve(segment.size());
     for (const std::size_t i : segment) points.push_back(cloud.points[i].position_mm);
     const auto surface = fit_surface(nominal.kind, thinned(points, kThinned), fitting::Rejection::none);
     if (!surface || std::abs(surface->diameter_mm / nominal.diameter_mm - 1.0) > options.max_size_error) continue;

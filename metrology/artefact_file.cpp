@@ -64,7 +64,7 @@ double not_negative(Fields& fields, const char* key) {
 }
 
 std::string day(Fields& fields, const char* key) {
-  const std::string text = fields.text(key);
+  std::string text = fields.text(key);
   const bool looks = text.size() == 10 && text[4] == '-' && text[7] == '-' &&
                      std::all_of(text.begin(), text.end(), [](char c) { return c == '-' || (c >= '0' && c <= '9'); });
   if (!looks) fields.complain(fmt::format("{} is \"{}\"; write a day as 2026-03-01", key, text));

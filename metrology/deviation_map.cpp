@@ -61,6 +61,7 @@ std::vector<Sample> near_samples(const PointCloud& cloud, const SignedDistance& 
 /// One step of eq. 1; x -> x + w x x + t in `body`. Returns how far a point at 100 mm moves.
 double improve(const std::vector<Sample>& samples, const SignedDistance& surface, Rigid3& motion) {
   std::vector<double> values;
+  values.reserve(samples.size());
   for (const auto& s : samples) values.push_back(s.d);
   const double s = std::max(robust_sd(std::move(values)), 1e-9);
   using Row = Eigen::Matrix<double, 6, 1>;

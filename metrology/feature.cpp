@@ -23,7 +23,7 @@ FormFigures form_of(const fitting::FitQuality& quality) {
   }
   std::sort(kept.begin(), kept.end());
   const auto at = [&](double p) {
-    return kept[static_cast<std::size_t>(p * static_cast<double>(kept.size() - 1) + 0.5)];
+    return kept[static_cast<std::size_t>(std::lround(p * static_cast<double>(kept.size() - 1)))];
   };
   return {kept.back() - kept.front(), at(0.975) - at(0.025)};
 }
@@ -76,6 +76,7 @@ Result<std::vector<ArtefactMeasurement>> in_certified_order(const Gauge& gauge, 
   }
   if (gauge.kind != GaugeKind::sphere_plate) return parts;
   std::vector<Eigen::Vector3d> centres;
+  centres.reserve(parts.size());
   for (const auto& m : parts) centres.push_back(m.place_mm);
   const auto order = match_centres(centres, gauge.centres_mm);
   if (!order) return unanswerable(fmt::format("{}: {}", gauge.name, order.error().sentence));

@@ -235,6 +235,7 @@ Markup comparison_table(const std::vector<ArtefactSection>& artefacts) {
                                        {"max. form sd, µm", "number", "the paper"},
                                        {"verdict", "", ""}};
   std::vector<std::vector<Markup>> rows;
+  rows.reserve(artefacts.size());
   for (const auto& a : artefacts) rows.push_back(comparison_row(a));
   return element(
       "div", {{"class", "compare"}},

@@ -16,7 +16,7 @@ Catalogue::Catalogue(std::string_view toml, const std::string& file) {
     if (section == nullptr) continue;
     for (const auto& [inner, text] : *section) {
       require(text.if_text() != nullptr, "a catalogue holds texts");
-      (key == "names" ? names_[inner] : texts_[key + "." + inner]) = *text.if_text();
+      (key == "names" ? names_[inner] : texts_[fmt::format("{}.{}", key, inner)]) = *text.if_text();
     }
   }
 }
@@ -39,6 +39,7 @@ const Catalogue& Catalogue::in(const std::string& language) {
 
 std::vector<std::string> Catalogue::languages() {
   std::vector<std::string> out;
+  out.reserve(kCatalogues.size());
   for (const auto& [name, toml] : kCatalogues) out.emplace_back(name);
   return out;
 }

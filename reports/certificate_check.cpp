@@ -206,11 +206,11 @@ CheckVerdict check_certificate(const CheckRequest& request) {
   }
   out.fault = check_signatures(request, out);
   if (!out.fault.empty()) return out;
-  if ((out.fault = check_stamps(request, document, out)) != "") return out;
+  if (!(out.fault = check_stamps(request, document, out)).empty()) return out;
   const auto measurements = dcc_measurements(document);
-  if (request.pdf && (out.fault = check_twins(request, out)) != "") return out;
-  if ((out.fault = check_data(request, data_sha256_of(document), out)) != "") return out;
-  if ((out.fault = check_results(measurements, out)) != "") return out;
+  if (request.pdf && !(out.fault = check_twins(request, out)).empty()) return out;
+  if (!(out.fault = check_data(request, data_sha256_of(document), out)).empty()) return out;
+  if (!(out.fault = check_results(measurements, out)).empty()) return out;
   if (request.history) out.fault = check_history(request, document, measurements, out);
   return out;
 }

@@ -48,6 +48,7 @@ Markup verdict_cell(const ResultLine& line, const Catalogue& words) {
 
 Markup results_table(const std::vector<ResultLine>& lines, const Catalogue& words) {
   std::vector<std::vector<Markup>> rows;
+  rows.reserve(lines.size());
   for (const auto& line : lines) {
     rows.push_back(
         {text(std::to_string(line.number)),

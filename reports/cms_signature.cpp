@@ -27,7 +27,7 @@ Bio reading(const std::string& bytes) { return Bio(BIO_new_mem_buf(bytes.data(),
 
 std::string last_error() {
   const char* reason = ERR_reason_error_string(ERR_peek_last_error());
-  const std::string out = reason != nullptr ? reason : "unknown";
+  std::string out = reason != nullptr ? reason : "unknown";
   ERR_clear_error();
   return out;
 }

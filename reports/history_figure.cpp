@@ -141,8 +141,8 @@ std::optional<CertificateFigure> figure_of(std::vector<Course> courses, const ch
   std::string numbers, drawing = svg::begin(name, kWidth, rows * kPanelHeight);
   for (std::size_t k = 0; k < courses.size(); ++k) {
     const double width = kWidth / static_cast<double>(per_row);
-    drawing += draw(courses[k],
-                    {static_cast<double>(k % per_row) * width, static_cast<double>(k / per_row) * kPanelHeight, width},
+    const std::size_t row = k / per_row, column = k % per_row;
+    drawing += draw(courses[k], {static_cast<double>(column) * width, static_cast<double>(row) * kPanelHeight, width},
                     numbers);
   }
   return CertificateFigure{name, Markup::trusted(drawing + svg::kEnd), caption, numbers};

@@ -58,7 +58,8 @@ std::string escape(std::string_view s) {
   while (!s.empty()) {
     const std::size_t n = utf8_length(s);
     const char c = s.front();
-    if (n == 0) {
+    const bool is_control = (static_cast<std::uint8_t>(c) < 0x20 && c != '\n' && c != '\t') || c == 0x7F;
+    if (n == 0 || is_control) {
       out += kReplacement;
     } else if (n > 1) {
       out += s.substr(0, n);
@@ -72,8 +73,6 @@ std::string escape(std::string_view s) {
       out += "&quot;";
     } else if (c == '\'') {
       out += "&#39;";
-    } else if ((static_cast<std::uint8_t>(c) < 0x20 && c != '\n' && c != '\t') || c == 0x7F) {
-      out += kReplacement;
     } else {
       out += c;
     }

@@ -115,7 +115,7 @@ Markup origin(const std::string& sha256, const Provenance* provenance, const Cat
                      text(words("instrument.inputs", {{"n", std::to_string(provenance->inputs.size())}})));
     } else {
       for (const auto& [name, hash] : provenance->inputs) {
-        out += element("p", {{"class", "hash"}}, text(name + " " + hash));
+        out += element("p", {{"class", "hash"}}, text(fmt::format("{} {}", name, hash)));
       }
     }
   }
@@ -151,6 +151,7 @@ std::vector<Turn> turns_of(const Value& record, const std::string& name) {
 
 Markup turns_table(const std::vector<Turn>& turns, const Catalogue& words) {
   std::vector<std::vector<Markup>> rows;
+  rows.reserve(turns.size());
   const auto pair = [](double value, double u) {
     const Stated s = stated(value, 2 * u);
     return text(shown(s.value) + " ± " + s.U);

@@ -123,8 +123,9 @@ std::vector<CertificateFigure> map_figures(const Certificate& c, const Catalogue
     std::string drawing = svg::begin("maps", kWidth, height);
     std::string numbers = fmt::format("-{0} µm +{0} µm", limit);
     for (std::size_t k = 0; k < maps.size(); ++k) {
+      const std::size_t row = k / 4;
       const double left = static_cast<double>(k % 4) * (kWidth / kTiles),
-                   top = kTop + static_cast<double>(k / 4) * (kTile + kTileFoot);
+                   top = kTop + static_cast<double>(row) * (kTile + kTileFoot);
       int width = 0, rows_of_cells = 0;
       const std::string png = png_of(maps[k].cloud, 1e-3 * limit_um, width, rows_of_cells);
       const double px = kTile / (kCells + 1);

@@ -147,7 +147,7 @@ std::optional<Range> robust_range(const Image<float>& values, ColourMap map) {
   }
   if (sorted.empty()) return std::nullopt;
   const auto quantile = [&](double q) {
-    const auto k = static_cast<std::ptrdiff_t>(q * static_cast<double>(sorted.size() - 1) + 0.5);
+    const auto k = static_cast<std::ptrdiff_t>(std::lround(q * static_cast<double>(sorted.size() - 1)));
     std::nth_element(sorted.begin(), sorted.begin() + k, sorted.end());
     return static_cast<double>(sorted[static_cast<std::size_t>(k)]);
   };

@@ -72,6 +72,7 @@ class Child {
 
 pid_t spawn(const std::vector<std::string>& arguments, const std::array<int, 3>& streams, const std::string& advice) {
   std::vector<char*> argv;
+  argv.reserve(arguments.size() + 1);
   for (const auto& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
   const char* search = std::getenv("PATH");

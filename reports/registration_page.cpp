@@ -8,6 +8,7 @@ namespace {
 
 Markup figures_table(const std::vector<std::pair<std::string, std::string>>& figures) {
   std::vector<std::vector<Markup>> rows;
+  rows.reserve(figures.size());
   for (const auto& [name, value] : figures) rows.push_back({text(name), text(value)});
   return table("plain", {{"", "", ""}, {"", "number", ""}}, rows);
 }

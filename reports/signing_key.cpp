@@ -13,7 +13,6 @@
 #include <sys/stat.h>
 
 #include <algorithm>
-#include <cstring>
 
 namespace fringecal::reports {
 namespace {
@@ -39,7 +38,7 @@ struct Passphrase {
     me.asked = true;
     const std::string words = me.ask();
     if (words.size() > static_cast<std::size_t>(size)) return -1;
-    std::memcpy(buffer, words.data(), words.size());
+    std::copy(words.begin(), words.end(), buffer);  // by its length: no zero at the end
     return static_cast<int>(words.size());
   }
 };

@@ -66,7 +66,7 @@ svg::Mark mark_of(std::size_t artefact) {
 
 class Drawing {
  public:
-  Drawing(std::vector<Place> places, Eigen::Vector3d low, Eigen::Vector3d high)
+  Drawing(std::vector<Place> places, const Eigen::Vector3d& low, const Eigen::Vector3d& high)
       : places_(std::move(places)), low_(low), high_(high) {
     for (const auto& p : places_) {
       if (std::find(artefacts_.begin(), artefacts_.end(), p.artefact) == artefacts_.end()) {
@@ -81,7 +81,8 @@ class Drawing {
 
   std::string draw() {
     const std::size_t per_row = 3;
-    const double legend = kLegendRow * static_cast<double>((artefacts_.size() + per_row - 1) / per_row);
+    const std::size_t legend_rows = (artefacts_.size() + per_row - 1) / per_row;
+    const double legend = kLegendRow * static_cast<double>(legend_rows);
     const double total = kTop + height_ + kFoot + legend;
     std::string out = svg::begin("volume", kWidth, total);
     const double left = (kWidth - 2 * width_ - kGap) / 2, right = left + width_ + kGap;
@@ -93,8 +94,9 @@ class Drawing {
            svg::line(left + bar * scale_, foot - 3, left + bar * scale_, foot + 3, svg::kInk, 1.2) +
            svg::words(left + bar * scale_ + 6, foot + 3.6, "start", bar_mm_ + "\u00a0mm");
     for (std::size_t k = 0; k < artefacts_.size(); ++k) {
+      const std::size_t row = k / per_row;
       const double x = 10 + static_cast<double>(k % per_row) * kWidth / per_row;
-      const double y = kTop + height_ + kFoot + kLegendRow * static_cast<double>(k / per_row) + 6;
+      const double y = kTop + height_ + kFoot + kLegendRow * static_cast<double>(row) + 6;
       out += svg::mark(mark_of(k), x, y) + svg::words(x + 9, y + 3.6, "start", artefacts_[k]);
     }
     return out + svg::kEnd;

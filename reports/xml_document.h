@@ -13,8 +13,8 @@
 #include <vector>
 
 // libxml2's own types, declared here so that its headers stay in the source files.
-struct _xmlDoc;
-struct _xmlNode;
+struct _xmlDoc;   // NOLINT(bugprone-reserved-identifier)
+struct _xmlNode;  // NOLINT(bugprone-reserved-identifier)
 
 namespace fringecal::reports {
 

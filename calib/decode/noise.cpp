@@ -33,8 +33,9 @@ std::vector<Combination> combinations_for(const AxisFrames& frames) {
   if (n >= 4) {
     Combination out{.frames = frames.phase, .weights = {}};
     const double c = n % 2 == 0 ? std::sqrt(1.0 / n) : std::sqrt(2.0 / n);
+    const int fastest = n / 2;  // periods over the n steps, rounded down
     for (int k = 0; k < n; ++k) {
-      out.weights.push_back(static_cast<float>(c * std::cos(2 * std::numbers::pi * (n / 2) * k / n)));  // (1)
+      out.weights.push_back(static_cast<float>(c * std::cos(2 * std::numbers::pi * fastest * k / n)));  // (1)
     }
     return {out};
   }

@@ -1,6 +1,9 @@
 // A camera from views of a board, k1 and k2, set-up and start included: ours, mrcal (k1, k2, p1, p2: it has no radial
 // model) and cv::calibrateCamera (its default of 30 iterations), side by side. px_from_tight: how far our solution's corners
 // lie at most from those of a solve to the rounding (tests/calib/tight_camera_solve.h).
+// Then how a calibration grows with the number of boards: the camera alone (100 corners each), and the whole scanner
+// (63 corners each, with their phases); items per second are boards per second.
+#include "calib/calibrate.h"
 #include "calib/other_solvers.h"
 #include "tests/calib/synthetic_board_views.h"
 #include "tests/calib/tight_camera_solve.h"
@@ -57,6 +60,30 @@ void BM_OpenCv(benchmark::State& state) {
 BENCHMARK(BM_Ours) FRINGECAL_SIZES;
 BENCHMARK(BM_Mrcal) FRINGECAL_SIZES;
 BENCHMARK(BM_OpenCv) FRINGECAL_SIZES;
+
+void BM_CameraGrowth(benchmark::State& state) {
+  const auto views = test::planar_views(static_cast<int>(state.range(0)), 10, 10, 22.0, 0.1);
+  ::setenv("FRINGECAL_THREADS", "1", 1);
+  for (auto _ : state) {
+    auto found = calib::solve_camera(views, 1392, 1040, {});
+    if (!found) state.SkipWithError(found.error().sentence.c_str());
+    benchmark::DoNotOptimize(found);
+  }
+  state.SetItemsProcessed(state.iterations() * state.range(0));
+}
+void BM_ScannerGrowth(benchmark::State& state) {
+  const model::Board board = test::known_board();
+  const auto seen = test::views(test::known_scanner(), board, static_cast<int>(state.range(0)), {});
+  ::setenv("FRINGECAL_THREADS", "1", 1);
+  for (auto _ : state) {
+    auto found = calib::calibrate(seen, board, 1392, 1040, test::known_plan(), {});
+    if (!found) state.SkipWithError(found.error().sentence.c_str());
+    benchmark::DoNotOptimize(found);
+  }
+  state.SetItemsProcessed(state.iterations() * state.range(0));
+}
+BENCHMARK(BM_CameraGrowth)->RangeMultiplier(2)->Range(10, 320)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_ScannerGrowth)->RangeMultiplier(2)->Range(5, 80)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace fringecal

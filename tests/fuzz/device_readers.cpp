@@ -85,9 +85,25 @@ std::string modbus(Bytes pdu) {
   return std::string("\0\0\0\0\0", 5) + static_cast<char>(pdu.size() + 1) + '\1' + std::string(pdu);
 }
 
-/// Bad replies end as the client's own errors, nothing else.
-Reader plc_replies(const char* name, const std::vector<std::string>& sound,
-                   const std::function<void(Bytes, std::chrono::milliseconds)>& read) {
+/// What is particular to a protocol: sound replies to all that talk_to() asks, a server that gives the replies set, a client.
+struct PlcProtocol {
+  const char* name;
+  std::vector<std::string> sound;
+  std::function<std::unique_ptr<ByteServer>(Replies&)> serve;
+  std::function<std::unique_ptr<hw::RegisterPlc>(const ByteServer&, std::chrono::milliseconds limit)> open;
+};
+
+/// Bad replies end as the client's own errors, nothing else. The server is started with the first reading.
+Reader plc_replies(const PlcProtocol& protocol) {
+  struct Line {
+    Replies replies;
+    std::unique_ptr<ByteServer> server;
+  };
+  const auto read = [protocol, line = std::make_shared<Line>()](Bytes bytes, std::chrono::milliseconds limit) {
+    if (!line->server) line->server = protocol.serve(line->replies);
+    line->replies.set(pieces_of(bytes, 1));
+    talk_to(*protocol.open(*line->server, limit));
+  };
   const auto guarded = [read](Bytes bytes) {
     try {
       read(bytes, kLimit);
@@ -95,40 +111,36 @@ Reader plc_replies(const char* name, const std::vector<std::string>& sound,
     } catch (const hw::PlcFault&) {
     }
   };
-  return {name, {joined(sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
+  return {protocol.name, {joined(protocol.sound, 1)}, guarded, [read](Bytes bytes) { read(bytes, kSoundLimit); }, true};
 }
 
 Reader modbus_replies() {
-  const std::string status = "\3\x1c" + std::string("\0\1", 2) + std::string(kZeros),
-                    written = std::string("\x10\0\0\0\3", 5);
+  const std::string status = "\3\x1c" + std::string("\0\1", 2) + std::string(kZeros);
   const auto written_at = [&](std::uint16_t first, std::uint16_t count) {
     return modbus(std::string{'\x10', static_cast<char>(first >> 8), static_cast<char>(first & 255),
                               static_cast<char>(count >> 8), static_cast<char>(count & 255)});
   };
-  const std::vector<std::string> sound = {modbus(status), modbus(status), written_at(hw::dt::kTargetPattern, 3),
-                                          modbus(Bytes("\3\2\0\7", 4)), written_at(hw::dt::kWatchdog, 1)};
-  struct Link {
-    Replies replies;
-    std::unique_ptr<ByteServer> server;
-  };
-  const auto link = std::make_shared<Link>();
-  const auto read = [link](Bytes bytes, std::chrono::milliseconds limit) {
-    if (!link->server) {
-      link->server = ByteServer::on_tcp("127.0.0.1", 0, [l = link.get()](std::string& question) {
-        if (question.size() < 6) return std::optional<ByteServer::Answer>();
-        const std::string number = question.substr(0, 2);
-        question.clear();
-        std::string reply = l->replies.next();
-        reply.replace(0, 2, number);
-        return std::optional(ByteServer::Answer{reply, 0ms});
-      });
-    }
-    link->replies.set(pieces_of(bytes, 1));
-    hw::ModbusPlc plc(hw::parse_plc_address("modbus-tcp://127.0.0.1:" + std::to_string(link->server->port())),
-                      {.answer_limit = limit, .attempts = 1});
-    talk_to(plc);
-  };
-  return plc_replies("modbus_replies", sound, read);
+  return plc_replies({.name = "modbus_replies",
+                      .sound = {modbus(status), modbus(status), written_at(hw::dt::kTargetPattern, 3),
+                                modbus(Bytes("\3\2\0\7", 4)), written_at(hw::dt::kWatchdog, 1)},
+                      .serve =
+                          [](Replies& replies) {
+                            return ByteServer::on_tcp("127.0.0.1", 0, [&replies](std::string& question) {
+                              if (question.size() < 6) return std::optional<ByteServer::Answer>();
+                              const std::string number = question.substr(0, 2);
+                              question.clear();
+                              std::string reply = replies.next();
+                              reply.replace(0, 2, number);
+                              return std::optional(ByteServer::Answer{reply, 0ms});
+                            });
+                          },
+                      .open =
+                          [](const ByteServer& server, std::chrono::milliseconds limit) {
+                            const std::string address = "modbus-tcp://127.0.0.1:" + std::to_string(server.port());
+                            return std::make_unique<hw::ModbusPlc>(
+                                hw::parse_plc_address(address),
+                                hw::PlcLinkOptions{.answer_limit = limit, .attempts = 1});
+                          }});
 }
 
 Reader mewtocol_replies() {
@@ -140,26 +152,23 @@ Reader mewtocol_replies() {
     sound.push_back(encode({1, FrameKind::answer, text}));
   }
   sound.back().replace(sound.back().size() - 3, 2, "**");
-  struct Line {
-    Replies replies;
-    std::unique_ptr<ByteServer> server;
-  };
-  const auto line = std::make_shared<Line>();
-  const auto read = [line](Bytes bytes, std::chrono::milliseconds limit) {
-    if (!line->server) {
-      line->server = ByteServer::on_pty("", [l = line.get()](std::string& question) {
-        const std::size_t end = question.find('\r');
-        if (end == std::string::npos) return std::optional<ByteServer::Answer>();
-        question.erase(0, end + 1);
-        return std::optional(ByteServer::Answer{l->replies.next(), 0ms});
-      });
-    }
-    line->replies.set(pieces_of(bytes, 1));
-    hw::MewtocolPlc plc(hw::parse_plc_address("mewtocol:" + line->server->device()),
-                        {.answer_limit = limit, .attempts = 1});
-    talk_to(plc);
-  };
-  return plc_replies("mewtocol_replies", sound, read);
+  return plc_replies({.name = "mewtocol_replies",
+                      .sound = sound,
+                      .serve =
+                          [](Replies& replies) {
+                            return ByteServer::on_pty("", [&replies](std::string& question) {
+                              const std::size_t end = question.find('\r');
+                              if (end == std::string::npos) return std::optional<ByteServer::Answer>();
+                              question.erase(0, end + 1);
+                              return std::optional(ByteServer::Answer{replies.next(), 0ms});
+                            });
+                          },
+                      .open =
+                          [](const ByteServer& server, std::chrono::milliseconds limit) {
+                            return std::make_unique<hw::MewtocolPlc>(
+                                hw::parse_plc_address("mewtocol:" + server.device()),
+                                hw::PlcLinkOptions{.answer_limit = limit, .attempts = 1});
+                          }});
 }
 
 /// A device whose next frame is given, packet by packet, and the client that has it open.
