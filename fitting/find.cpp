@@ -55,13 +55,14 @@ double largest_gap_rad(const Eigen::Vector3d& p, const Eigen::Vector3d& normal, 
 }
 
 /// The neighbours of a point on its shape; where stray points took places among them, theirs too, no farther than twice
-/// the farthest.
+/// the farthest. A stray point that happens to lie on the shape is none: beyond an edge it would fill the gap.
 Cloud neighbours_on(Points points_mm, const Neighbourhood& hood, const std::vector<bool>& on, std::size_t i) {
   constexpr std::size_t kCount = Neighbourhood::kCount;
   std::vector<std::size_t> found;
   double reach_mm = 0;
   const auto add = [&](std::size_t j) {
-    if (j != i && on[j] && std::find(found.begin(), found.end(), j) == found.end()) found.push_back(j);
+    if (j != i && on[j] && hood.on_surface[j] && std::find(found.begin(), found.end(), j) == found.end())
+      found.push_back(j);
   };
   for (std::size_t k = 0; k < kCount; ++k) {
     const std::size_t j = hood.neighbours[i * kCount + k];

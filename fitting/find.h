@@ -5,8 +5,8 @@
 //               leaves too few points, the shape's own median) to a point that lies beside the shape's surface on
 //               another one (a post, a base, a table: where two surfaces meet, a scanner's spot sees both); stray
 //               points are on none (Neighbourhood::on_surface)                                                    (1)
-//   silhouette  as near to the edge of the shape's points: a point whose neighbours on the shape leave a gap of more
-//               than 150 degrees around it (grazing views, half spots)                                            (2)
+//   silhouette  as near to the edge of the shape's points: a point whose neighbours on the shape (stray points left out)
+//               leave a gap of more than 150 degrees around it (grazing views, half spots)                        (2)
 //   beyond      more than 3.5 robust standard deviations from the surface (Rejection::robust)                    (3)
 //   none        of no shape
 // A shape whose scatter is more than 5 % of its extent is none. A hypothesis is fitted as each kind; the one of least
