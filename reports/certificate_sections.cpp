@@ -34,7 +34,8 @@ std::string position_text(const ResultLine& line, const Catalogue& words) {
   const std::string number = line.position.substr(0, end), rest = line.position.substr(end);
   if (number.empty()) return words.name(line.position);
   if (rest.empty()) return words("results.position") + " " + number;
-  return rest.starts_with(", ") ? number + ", " + words.name(rest.substr(2)) : line.position;
+  return rest.starts_with(", ") ? words("results.position") + " " + number + ", " + words.name(rest.substr(2))
+                                : line.position;
 }
 
 Markup verdict_cell(const ResultLine& line, const Catalogue& words) {
