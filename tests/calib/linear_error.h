@@ -1,5 +1,5 @@
 // What errors of readings do to the parameters to first order: one Newton step from the truth. It is linear in the errors, its
-// covariance is known exactly, and it differs from the estimate's own error by curvature and by estimated components only.
+// covariance can be stated and drawn cheaply, and it differs from the estimate's own error by curvature and by estimated components only.
 //
 // A truth that is one and the same in every repeat is not drawn from its prior, and the errors then scatter by less than their
 // uncertainty C says: by the prior's share. With the prior's standard deviation s on parameter i,
