@@ -226,12 +226,17 @@ TEST(GaugeSummary, SeparatesRepeatabilityFromThePlaces) {
   EXPECT_EQ(repeats[0].reproducibility_mm, 0);
 }
 
+Plan plan_of_two_captures_at_two_positions() {
+  Plan plan = plan_with(Measurand::diameter_error);
+  plan.series[0].captures = 4;
+  plan.series[0].captures_per_position = 2;
+  return plan;
+}
+
 // Two positions of two captures: within them +-0.001 about the mean, s^2 = 4 (0.001)^2 / (4 - 2); the means are -0.002 and
 // +0.004 off 30.001, their variance 0.000018, of which half of s^2 is repeatability.
 TEST(GaugeSummary, TakesRepeatabilityFromTheCapturesOfAPosition) {
-  auto plan = plan_with(Measurand::diameter_error);
-  plan.series[0].captures = 4;
-  plan.series[0].captures_per_position = 2;
+  const Plan plan = plan_of_two_captures_at_two_positions();
   const std::vector<CaptureResult> results = {capture_of(0, 29.998), capture_of(1, 30.000), capture_of(2, 30.004),
                                               capture_of(3, 30.006)};
   const auto summary = summaries_of(plan.series[0], {sphere30()}, results, {20, 0, {}}).front();
@@ -244,9 +249,7 @@ TEST(GaugeSummary, TakesRepeatabilityFromTheCapturesOfAPosition) {
 // Noise 0.001 of each of two captures, 0.001 / sqrt(2) of their mean; the calibration's 0.002 and the certificate's 0.0005 are
 // the same in both.
 TEST(EvaluateSeries, AveragesTheCapturesOfAPositionAndOnlyWhatIsNewInEach) {
-  auto plan = plan_with(Measurand::diameter_error);
-  plan.series[0].captures = 4;
-  plan.series[0].captures_per_position = 2;
+  Plan plan = plan_of_two_captures_at_two_positions();
   const std::vector<CaptureResult> results = {capture_of(3, 30.006), capture_of(1, 30.000), capture_of(2, 30.004),
                                               capture_of(0, 29.998)};
   const EvaluateOptions options{.environment = {20, 0, {}}};
