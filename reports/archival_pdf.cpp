@@ -56,7 +56,7 @@ std::string set_pages(const std::string& html, const PdfFacts& facts) {
   const FilterOutput out = run_filter({"env", "SOURCE_DATE_EPOCH=" + epoch_of(facts.created), "weasyprint", "--quiet",
                                        "--encoding", "utf-8", "--pdf-variant", "pdf/ua-1", "-", "-"},
                                       html, kLimit, kAdvice);
-  if (out.status != 0 || !out.output.starts_with("%PDF-")) {
+  if (out.status != 0 || out.output.rfind("%PDF-", 0) != 0) {
     throw EnvironmentError(fmt::format("weasyprint failed (status {}): {}", out.status,
                                        out.errors.substr(out.errors.size() > 400 ? out.errors.size() - 400 : 0)));
   }

@@ -152,7 +152,8 @@ std::shared_ptr<const SeenScene> VirtualScanner::see(const Scene& scene, const I
   std::vector<Solid> solids;
   for (const SceneObject& object : scene.objects) solids.emplace_back(object, in.preset, in.seed);
   const model::Scanner scanner = true_scanner(state);
-  return std::make_shared<const SeenScene>(light_field(solids, in.rays, {scanner, preset_from_cam(state)}, in.preset));
+  return std::make_shared<const SeenScene>(
+      SeenScene{light_field(solids, in.rays, {scanner, preset_from_cam(state)}, in.preset)});
 }
 
 std::vector<Exposure> VirtualScanner::Instance::exposures(const InstrumentState& state, double theta_rad,
