@@ -82,7 +82,8 @@ void run(const Options& o) {
                           .set("verdict", metrology::verdict_of(*p.halves))
                           .set("rms_mm", p.halves->rms_mm)
                           .set("allowed_rms_mm", p.halves->allowed_rms_mm)
-                          .set("ratio", p.halves->ratio));
+                          .set("ratio", p.halves->ratio)
+                          .set("limit", p.halves->limit));
   }
   fmt::print("{}", to_json(out));
 }

@@ -1,6 +1,7 @@
 #include "metrology/compare_scanners.h"
 
 #include <fmt/format.h>
+#include <boost/math/distributions/chi_squared.hpp>
 
 #include <cmath>
 #include <map>
@@ -8,13 +9,24 @@
 namespace fringecal::metrology {
 namespace {
 
-/// Diagonals of one scanner's part of eq. 2.
-Result<Eigen::Matrix3Xd> variances(const model::Scanner& s, const std::vector<VolumeSample>& samples) {
-  const auto found = derivatives(s, samples);
-  if (!found) return tl::unexpected(found.error());
-  const Eigen::MatrixXd& by = *found;
-  const Eigen::VectorXd diagonal = (by * s.uncertainty.covariance).cwiseProduct(by).rowwise().sum();
-  return Eigen::Matrix3Xd(Eigen::Map<const Eigen::Matrix3Xd>(diagonal.data(), 3, diagonal.size() / 3));
+constexpr double kByChance = 0.01;  // eq. 4
+
+/// Diagonals of J C J^T, eq. 2, a column per point.
+Eigen::Matrix3Xd variances(const Eigen::MatrixXd& by, const Eigen::MatrixXd& covariance) {
+  const Eigen::VectorXd diagonal = (by * covariance).cwiseProduct(by).rowwise().sum();
+  return Eigen::Map<const Eigen::Matrix3Xd>(diagonal.data(), 3, diagonal.size() / 3);
+}
+
+/// Eq. 3, with U = J C J^T for J = (J_A, J_B) and C of both: tr U^2 = tr (J^T J C)^2, as small as the parameters are few.
+double ways_to_differ(const Eigen::MatrixXd& by_a, const Eigen::MatrixXd& c_a, const Eigen::MatrixXd& by_b,
+                      const Eigen::MatrixXd& c_b) {
+  Eigen::MatrixXd by(by_a.rows(), by_a.cols() + by_b.cols());
+  by << by_a, by_b;
+  Eigen::MatrixXd c = Eigen::MatrixXd::Zero(by.cols(), by.cols());
+  c.topLeftCorner(c_a.rows(), c_a.cols()) = c_a;
+  c.bottomRightCorner(c_b.rows(), c_b.cols()) = c_b;
+  const Eigen::MatrixXd m = by.transpose() * by * c;
+  return m.trace() * m.trace() / m.cwiseProduct(m.transpose()).sum();
 }
 
 }  // namespace
@@ -37,10 +49,11 @@ Result<ScannerComparison> compare_scanners(const model::Scanner& a, const model:
   Eigen::Matrix3Xd onto(3, static_cast<Eigen::Index>(samples.size()));
   for (std::size_t i = 0; i < samples.size(); ++i) onto.col(static_cast<Eigen::Index>(i)) = samples[i].point_mm;
   const auto in_b = seen_by(b, samples);
-  const auto from_a = variances(a, samples), from_b = variances(b, samples);
-  if (!from_a) return tl::unexpected(from_a.error());
-  if (!from_b) return tl::unexpected(from_b.error());
-  const Eigen::Matrix3Xd d = difference(*in_b, onto), u2 = *from_a + *from_b;
+  const auto by_a = derivatives(a, samples), by_b = derivatives(b, samples);
+  if (!by_a) return tl::unexpected(by_a.error());
+  if (!by_b) return tl::unexpected(by_b.error());
+  const Eigen::MatrixXd &c_a = a.uncertainty.covariance, &c_b = b.uncertainty.covariance;
+  const Eigen::Matrix3Xd d = difference(*in_b, onto), u2 = variances(*by_a, c_a) + variances(*by_b, c_b);
   ScannerComparison out;
   for (Eigen::Index i = 0; i < d.cols(); ++i) {
     out.points.push_back({onto.col(i), d.col(i), u2.col(i).cwiseMax(0.0).cwiseSqrt()});
@@ -51,13 +64,18 @@ Result<ScannerComparison> compare_scanners(const model::Scanner& a, const model:
   out.allowed_rms_mm = std::sqrt(u2.sum() / n);
   if (!(out.allowed_rms_mm > 0)) return unanswerable("the covariances allow no difference at all; calibrate again");
   out.ratio = out.rms_mm / out.allowed_rms_mm;
+  out.ways = ways_to_differ(*by_a, c_a, *by_b, c_b);
+  const boost::math::chi_squared chi2(out.ways);
+  out.limit = std::sqrt(boost::math::quantile(boost::math::complement(chi2, kByChance)) / out.ways);
   return out;
 }
 
 std::string verdict_of(const ScannerComparison& c) {
-  return fmt::format("{}: they differ by {:.4f} mm rms ({:.4f} mm at most), their uncertainties allow {:.4f} mm rms",
-                     c.ratio > 2.0 ? "the calibrations disagree" : "the calibrations agree", c.rms_mm, c.max_mm,
-                     c.allowed_rms_mm);
+  return fmt::format(
+      "{}: they differ by {:.4f} mm rms ({:.4f} mm at most), their uncertainties allow {:.4f} mm rms, by chance up to "
+      "{:.4f} mm in 99 of 100 cases",
+      c.ratio > c.limit ? "the calibrations disagree" : "the calibrations agree", c.rms_mm, c.max_mm, c.allowed_rms_mm,
+      c.limit * c.allowed_rms_mm);
 }
 
 std::vector<ComparedHeight> by_height(const ScannerComparison& c) {
@@ -93,6 +111,8 @@ Value to_value(const ScannerComparison& c) {
       .set("max_mm", c.max_mm)
       .set("allowed_rms_mm", c.allowed_rms_mm)
       .set("ratio", c.ratio)
+      .set("limit", c.limit)
+      .set("ways", c.ways)
       .set("points", points);
 }
 

@@ -9,6 +9,12 @@
 //   U_i = J_A,i C_A J_A,i^T + J_B,i C_B J_B,i^T,  J = dd/d(parameters), the motion T adapted                     (2)
 // C the scanners' covariances, taken as independent (two calibrations that share a board share its pitch: what they have
 // in common makes (2) too large, never too small). Numeric central differences at one standard uncertainty. mm.
+// The mean square of all d_i beside what (2) expects is a quadratic form of some normal errors. With U of all points at
+// once its distribution is near that of chi^2 over nu degrees of freedom, the number of independent ways to differ, of
+// equal first two moments [Box1954, theorem 3.1]:
+//   nu = (tr U)^2 / tr U^2                                                                                      (3)
+//   limit of rms / expected rms = sqrt(chi^2_0.99(nu) / nu)                                                     (4)
+// One or two ways far outweigh the others: halves of a dozen poses have nu of 1.3, and 2.4 for the limit.
 #pragma once
 
 #include "calib/model/scanner.h"
@@ -32,6 +38,8 @@ struct ScannerComparison {
   double rms_mm = 0, max_mm = 0;  // of |d|
   double allowed_rms_mm = 0;      // what eq. 2 expects rms_mm to be
   double ratio = 0;               // rms_mm / allowed_rms_mm
+  double ways = 0;                // nu, eq. 3
+  double limit = 0;               // of the ratio, eq. 4
 };
 
 /// The points of one height of A's world, mm.
@@ -49,8 +57,8 @@ Result<ScannerComparison> compare_scanners(const model::Scanner& a, const model:
 /// Lowest height first.
 std::vector<ComparedHeight> by_height(const ScannerComparison& comparison);
 
-/// One sentence: whether the two agree within their uncertainties. More than twice what eq. 2 expects is called a
-/// disagreement: u's of some ten independent ways to differ leave the ratio below 1.4 in 95 % of cases.
+/// One sentence: whether the two agree within their uncertainties. A ratio above the limit is called a disagreement: of
+/// calibrations that differ by chance alone one pair in a hundred.
 std::string verdict_of(const ScannerComparison& comparison);
 Value to_value(const ScannerComparison& comparison);
 

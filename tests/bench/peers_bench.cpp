@@ -73,7 +73,7 @@ Cloud contaminated(Cloud cloud) {
   }
   std::uniform_real_distribution<double> part(-0.25, 1.25);
   for (std::size_t i = 0; i < cloud.size(); i += 20) {
-    const Eigen::Vector3d u(part(random), part(random), part(random));
+    const Eigen::Vector3d u{part(random), part(random), part(random)};
     cloud[i] = low + u.cwiseProduct(high - low);
   }
   return cloud;

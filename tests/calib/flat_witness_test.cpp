@@ -101,7 +101,7 @@ TEST(FlatWitness, StraightensSpaceAsFarAsItsCertificateAllows) {
                                    .seed = 700 + static_cast<std::uint64_t>(k)});
     calib::CalibrationOptions options{.camera_terms = calib::DistortionTerms::radial_tangential};
     const auto corners_alone = calib::calibrate(seen, board, 1392, 1040, test::known_plan(), options);
-    const Eigen::Vector3d bow = kFlatness_mm * Eigen::Vector3d(uniform(), uniform(), uniform());
+    const Eigen::Vector3d bow = kFlatness_mm * Eigen::Vector3d{uniform(), uniform(), uniform()};
     for (int view = 0; view < 4; ++view) {
       options.flats.push_back(flat_at(truth, facing(1077, 0.001 * view), bow, 0.00035 * uniform()));
       for (auto& c : options.flats.back().corners) {  // noise of 1e-5: the sum of twelve even draws

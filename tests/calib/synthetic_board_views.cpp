@@ -68,8 +68,8 @@ std::vector<model::BoardObservation> observe(const model::Scanner& scanner, cons
   std::vector<model::BoardObservation> out;
   for (const Rigid3& pose : cam_from_middle) {
     model::BoardObservation o{fmt::format("pose_{:02}", out.size() + 1), {}};
-    const Eigen::Vector3d bend = errors.bend_mm * Eigen::Vector3d(normal(), normal(), normal());
-    const Eigen::Vector2d offset = errors.phase_offset_mm * Eigen::Vector2d(normal(), normal());
+    const Eigen::Vector3d bend = errors.bend_mm * Eigen::Vector3d{normal(), normal(), normal()};
+    const Eigen::Vector2d offset = errors.phase_offset_mm * Eigen::Vector2d{normal(), normal()};
     for (int row = 0; row < board.rows; ++row) {
       for (int column = 0; column < board.columns; ++column) {
         Eigen::Vector3d place = corners[static_cast<std::size_t>(row * board.columns + column)];
@@ -82,7 +82,7 @@ std::vector<model::BoardObservation> observe(const model::Scanner& scanner, cons
         model::CornerObservation c;
         c.column = column;
         c.row = row;
-        const Eigen::Vector2d off = errors.u_pixel_px * Eigen::Vector2d(normal(), normal());
+        const Eigen::Vector2d off = errors.u_pixel_px * Eigen::Vector2d{normal(), normal()};
         c.pixel = *pixel + off;
         c.u_pixel_px = std::max(errors.u_pixel_px, 1e-3);
         const double u = std::max(errors.u_coordinate_mm, 1e-6);

@@ -1,6 +1,7 @@
 // What a newcomer leans on: the help of every command, the manual page, the completion of the shell.
 #include "tests/support/other_programs.h"
 #include "tests/support/program.h"
+#include "tests/support/sanitizers.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -64,6 +65,7 @@ TEST(Help, OfEveryCommandHasACallThatTheProgramCanParse) {
 }
 
 TEST(Help, StartsWithinFiftyMilliseconds) {
+  if (test::kSanitized) GTEST_SKIP() << "a sanitizer slows the program down";
   // Of the processor's time: how long others keep it from us is not ours. The least of nine.
   const auto used_ms = [] {
     rusage r{};

@@ -105,7 +105,7 @@ TEST(FitRigid, RecoversAMotionAndNeverMirrors) {
   const Rigid3 b_from_a{Eigen::Quaterniond(Eigen::AngleAxisd(2.5, Eigen::Vector3d(1, 2, -1).normalized())),
                         {10, -20, 1e4}};
   for (int i = 0; i < 30; ++i) {
-    a.emplace_back(100 * uniform(random), 100 * uniform(random), i % 2 ? 1.0 : 0.0);
+    a.push_back({100 * uniform(random), 100 * uniform(random), i % 2 ? 1.0 : 0.0});
     b.push_back(b_from_a * a.back());
     mirrored.emplace_back(a.back().x(), a.back().y(), -a.back().z());
   }

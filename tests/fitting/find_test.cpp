@@ -49,7 +49,7 @@ Cloud with_stray(Cloud cloud, double share) {
     high = high.cwiseMax(p);
   }
   for (std::size_t i = 0; i < stray; ++i) {
-    cloud.push_back(low + Eigen::Vector3d(uniform(random), uniform(random), uniform(random)).cwiseProduct(high - low));
+    cloud.push_back(low + Eigen::Vector3d{uniform(random), uniform(random), uniform(random)}.cwiseProduct(high - low));
   }
   return cloud;
 }
@@ -271,7 +271,7 @@ TEST(FindShapes, FindsPartialShapesAndNothingElseAmongFortyPercentStrayPoints) {
 TEST(FindShapes, SaysWhereThereIsNone) {
   Random random(5);
   Cloud cloud;
-  for (int i = 0; i < 3000; ++i) cloud.emplace_back(uniform(random), uniform(random), uniform(random));
+  for (int i = 0; i < 3000; ++i) cloud.push_back({uniform(random), uniform(random), uniform(random)});
   EXPECT_FALSE(find_shapes(cloud));
   EXPECT_FALSE(find_shapes(Points(cloud).first(10)));
   EXPECT_FALSE(find_shapes(Cloud(500, Eigen::Vector3d(1, 2, 3))));

@@ -31,10 +31,10 @@ TEST(Flatness, EqualsTheExactWidth) {
   Random random(1);
   for (int repeat = 0; repeat < 10; ++repeat) {
     const Eigen::Quaterniond turn(
-        Eigen::AngleAxisd(uniform(random) * 3, Eigen::Vector3d(normal(random), normal(random), 1).normalized()));
+        Eigen::AngleAxisd(uniform(random) * 3, Eigen::Vector3d{normal(random), normal(random), 1}.normalized()));
     Cloud cloud;
     for (int i = 0; i < 100; ++i)
-      cloud.push_back(turn * Eigen::Vector3d(100 * uniform(random), 60 * uniform(random), 0.05 * normal(random)));
+      cloud.push_back(turn * Eigen::Vector3d{100 * uniform(random), 60 * uniform(random), 0.05 * normal(random)});
     const auto zone = flatness(cloud);
     ASSERT_TRUE(zone) << zone.error().sentence;
     EXPECT_NEAR(zone->width_mm, exact_width(cloud), kRounding_mm);
@@ -90,7 +90,7 @@ TEST(Roundness, IsLessThanTheRangeAboutTheGaussianCircle) {
   EXPECT_LT(zone->width_mm, 0.98 * (high - low));
   // no displacement of a fine search is better than the lower bound
   for (int i = 0; i < 2000; ++i) {
-    const Eigen::Vector3d c = circle->center_mm + 0.02 * Eigen::Vector3d(normal(random), normal(random), 0);
+    const Eigen::Vector3d c = circle->center_mm + 0.02 * Eigen::Vector3d{normal(random), normal(random), 0};
     double l = 1e9, h = 0;
     for (const auto& p : cloud) {
       l = std::min(l, (p - c).norm());
@@ -113,7 +113,7 @@ TEST(SphericityAndCylindricity, AreTheKnownZonesOfConstructedSurfaces) {
   Random random(3);
   for (int i = 0; i < 500; ++i)
     sphere.push_back((25.0 + 0.039 * (uniform(random) - 0.5)) *
-                     Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized());
+                     Eigen::Vector3d{normal(random), normal(random), normal(random)}.normalized());
   const auto ball = sphericity(sphere);
   ASSERT_TRUE(ball) << ball.error().sentence;
   EXPECT_NEAR(ball->width_mm, 0.04, kRounding_mm);
@@ -142,7 +142,7 @@ double searched_width(Eigen::Vector3d place, Eigen::Vector3d direction, const Wi
   double best = width_of(place, direction);
   for (int i = 0; i < 4000; ++i) {
     const double step = 0.02 * std::pow(0.998, i);  // mm; and as much at the ends of 60 mm
-    const auto any = [&] { return Eigen::Vector3d(normal(random), normal(random), normal(random)); };
+    const auto any = [&] { return Eigen::Vector3d{normal(random), normal(random), normal(random)}; };
     const Eigen::Vector3d p = place + step * any(), a = (direction + step / 30.0 * any()).normalized();
     const double width = width_of(p, a);
     if (!(width < best)) continue;
@@ -159,7 +159,7 @@ TEST(SphericityAndCylindricity, BoundWhatASearchOverAllPositionsFinds) {
   Random random(4);
   Cloud ball, tube;
   for (int i = 0; i < 300; ++i) {
-    const Eigen::Vector3d u = Eigen::Vector3d(normal(random), normal(random), normal(random)).normalized();
+    const Eigen::Vector3d u = Eigen::Vector3d{normal(random), normal(random), normal(random)}.normalized();
     ball.push_back((25.0 + 0.02 * uniform(random) + 0.05 * std::max(0.0, u.x() * u.y() * u.z())) * u);
     const double a = 2.0 * std::numbers::pi * uniform(random),
                  r = 20.0 + 0.02 * uniform(random) + 0.01 * std::cos(3 * a);

@@ -23,7 +23,7 @@ Cloud random_cloud(Random& random) {
   const std::uint64_t family = random.below(9);
   const Eigen::Vector3d offset = (random.below(3) == 0 ? 1e6 * scale : 0.0) * Eigen::Vector3d(0.3, -1.0, 0.7);
   for (std::size_t i = 0; i < n; ++i) {
-    Eigen::Vector3d p(normal(random), normal(random), normal(random));
+    Eigen::Vector3d p{normal(random), normal(random), normal(random)};
     if (family == 1) p.z() = 0.0;                                                    // in one plane
     if (family == 2) p = p.x() * Eigen::Vector3d(1, 2, -1);                          // on one line
     if (family == 3) p.setZero();                                                    // in one place

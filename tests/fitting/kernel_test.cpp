@@ -29,7 +29,7 @@ const Cloud& cloud() {
   static const Cloud points = [] {
     Cloud out;
     Random random(3);
-    for (int i = 0; i < 70003; ++i) out.emplace_back(50 * uniform(random), 50 * uniform(random), 50 * uniform(random));
+    for (int i = 0; i < 70003; ++i) out.push_back({50 * uniform(random), 50 * uniform(random), 50 * uniform(random)});
     return out;
   }();
   return points;

@@ -121,7 +121,7 @@ CylinderOptimum distance_from_optimum(const Cloud& points, const CylinderFit& fi
 
 Cloud disturbed(Cloud cloud, double sigma_mm) {
   Random random(21);
-  for (auto& p : cloud) p += sigma_mm * Eigen::Vector3d(normal(random), normal(random), normal(random));
+  for (auto& p : cloud) p += sigma_mm * Eigen::Vector3d{normal(random), normal(random), normal(random)};
   return cloud;
 }
 double radians(double degrees) { return degrees * std::numbers::pi / 180.0; }
@@ -173,7 +173,7 @@ void plane_is_reached(DistancesWanted wanted) {
   Cloud cloud;
   Random random(22);
   for (int i = 0; i < 2000; ++i)
-    cloud.emplace_back(400 * uniform(random), 300 * uniform(random), 1000 + 0.03 * normal(random));
+    cloud.push_back({400 * uniform(random), 300 * uniform(random), 1000 + 0.03 * normal(random)});
   const auto fit = fit_plane(cloud, {.distances = wanted});
   ASSERT_TRUE(fit);
   // z = a + b x + c y with orthogonal distances: Gauss-Newton about the answer, in 128 bits

@@ -13,7 +13,7 @@ namespace {
 
 Cloud noisy(Cloud cloud, double sigma_mm) {
   Random random(11);
-  for (Eigen::Vector3d& p : cloud) p += sigma_mm * Eigen::Vector3d(normal(random), normal(random), normal(random));
+  for (Eigen::Vector3d& p : cloud) p += sigma_mm * Eigen::Vector3d{normal(random), normal(random), normal(random)};
   return cloud;
 }
 Cloud sphere_points() { return noisy(sphere_cap({5, -3, 40}, 25.0, {1, 1, -2}, 0.9, 0.0), 0.05); }

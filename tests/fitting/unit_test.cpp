@@ -34,7 +34,7 @@ Cloud circle_points(double z_sigma_mm) {
 Cloud flat_noise() {
   Cloud cloud;
   Random random(6);
-  for (int i = 0; i < 500; ++i) cloud.emplace_back(50 * uniform(random), 50 * uniform(random), 0.01 * normal(random));
+  for (int i = 0; i < 500; ++i) cloud.push_back({50 * uniform(random), 50 * uniform(random), 0.01 * normal(random)});
   return cloud;
 }
 
@@ -61,7 +61,7 @@ TEST(FitPlane, RefusesPointsOnOneLine) {
   EXPECT_THAT(sentence(fit_plane(Cloud(10, Eigen::Vector3d(1, 2, 3)))), HasSubstr("on one line"));
   Cloud noisy_line = line_points();
   Random random(8);
-  for (auto& p : noisy_line) p += 0.01 * Eigen::Vector3d(normal(random), normal(random), normal(random));
+  for (auto& p : noisy_line) p += 0.01 * Eigen::Vector3d{normal(random), normal(random), normal(random)};
   EXPECT_THAT(sentence(fit_plane(noisy_line)), HasSubstr("on one line"));
 }
 
@@ -118,9 +118,9 @@ TEST(FitAll, WithoutDistancesGiveTheSameSurfaceAndScatter) {
     Random random(6);
     Cloud cloud, round;
     for (int i = 0; i < 4000; ++i) {
-      const Eigen::Vector3d e(200 * uniform(random), 150 * uniform(random), noise_mm * normal(random));
+      const Eigen::Vector3d e{200 * uniform(random), 150 * uniform(random), noise_mm * normal(random)};
       cloud.push_back(axes_with(Eigen::Vector3d(1, -2, 3), 2) * e + Eigen::Vector3d(100, 200, 1000));
-      const Eigen::Vector3d n(normal(random), normal(random), normal(random));
+      const Eigen::Vector3d n{normal(random), normal(random), normal(random)};
       round.push_back((25 + noise_mm * normal(random)) * n.normalized() + Eigen::Vector3d(100, 200, 1000));
     }
     const auto a = fit_plane(cloud), b = fit_plane(cloud, {.distances = DistancesWanted::none});
@@ -148,7 +148,7 @@ TEST(RejectionVdi2634, LeavesOutAtMostThreePerMilleAndOnlyBeyondThreeDeviations)
   Random random(4);
   Cloud cloud;
   for (int i = 0; i < 2000; ++i) {
-    cloud.emplace_back(50 * uniform(random), 50 * uniform(random), 0.02 * (uniform(random) - 0.5));
+    cloud.push_back({50 * uniform(random), 50 * uniform(random), 0.02 * (uniform(random) - 0.5)});
   }
   const auto clean = fit_plane(cloud, {.rejection = Rejection::vdi_2634});  // a uniform scatter ends at 1.7 s
   ASSERT_TRUE(clean);
@@ -164,10 +164,10 @@ TEST(RejectionVdi2634, LeavesOutAtMostThreePerMilleAndOnlyBeyondThreeDeviations)
 Cloud with_background(Cloud cloud, double size) {
   Random random(9);
   const std::size_t n = cloud.size();
-  for (auto& p : cloud) p += 0.02 * Eigen::Vector3d(normal(random), normal(random), normal(random));
+  for (auto& p : cloud) p += 0.02 * Eigen::Vector3d{normal(random), normal(random), normal(random)};
   for (std::size_t i = 0; i < n; ++i) {
-    const Eigen::Vector3d p(size * (uniform(random) - 0.5), size * (uniform(random) - 0.5),
-                            size * (uniform(random) - 0.5));
+    const Eigen::Vector3d p{size * (uniform(random) - 0.5), size * (uniform(random) - 0.5),
+                            size * (uniform(random) - 0.5)};
     cloud.push_back(i % 2 ? p : Eigen::Vector3d(p.x(), p.y(), -0.6 * size + 0.001 * p.z()));
   }
   return cloud;
@@ -199,7 +199,7 @@ TEST(RejectionRobust, FindsACylinderBeforeABackground) {
 TEST(RejectionRobust, FindsAPlaneAmongOtherPoints) {
   Cloud cloud = flat_noise();
   Random random(10);
-  for (int i = 0; i < 400; ++i) cloud.emplace_back(50 * uniform(random), 50 * uniform(random), 30 * uniform(random));
+  for (int i = 0; i < 400; ++i) cloud.push_back({50 * uniform(random), 50 * uniform(random), 30 * uniform(random)});
   const auto fit = fit_plane(cloud, {.rejection = Rejection::robust});
   ASSERT_TRUE(fit);
   // noise of 0.01 mm, 500 points over 50 mm: 0.0005 mm and 3e-5 rad; five standard deviations

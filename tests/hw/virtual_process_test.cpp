@@ -4,6 +4,7 @@
 #include "core/file.h"
 #include "core/value.h"
 #include "tests/support/other_programs.h"
+#include "tests/support/sanitizers.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -16,10 +17,6 @@
 #include <cstdlib>
 #include <sstream>
 #include <thread>
-
-#ifndef __has_feature  // clang's; of gcc only the thread sanitizer is used
-#define __has_feature(name) 0
-#endif
 
 namespace {
 
@@ -73,9 +70,7 @@ double others_at_work() {
 // Full size, with the rendering, the checks of every frame and the writing to the disk. The best of ten, because the
 // figure is the program's and not that of a moment; 0.3 to 0.4 s where nothing else runs.
 TEST(VirtualScannerSpeed, ElevenPatternsTakeAtMostSixTenthsOfASecondWithAnInstantStage) {
-#if defined(__SANITIZE_THREAD__) || __has_feature(address_sanitizer)
-  GTEST_SKIP() << "a sanitizer slows the program down";
-#endif
+  if (test::kSanitized) GTEST_SKIP() << "a sanitizer slows the program down";
   const test::TemporaryFolder scratch;
   const std::string file = (scratch / "scanner.toml").string();
   RunningProgram scanner({"virtual", "--address", "127.0.0.116", "--scanner-file", file, "--scene", "plane 0"});

@@ -30,7 +30,7 @@ PointCloud cloud_of(double dent_mm) {
   std::normal_distribution<double> normal;
   PointCloud out;
   for (int i = 0; i < 60'000; ++i) {
-    const Eigen::Vector3d u = Eigen::Vector3d(normal(generator), normal(generator), normal(generator)).normalized();
+    const Eigen::Vector3d u = Eigen::Vector3d{normal(generator), normal(generator), normal(generator)}.normalized();
     const Eigen::Vector3d p = u.cwiseProduct(kHalf), n = normal_of(p);
     const double off = kNoise * normal(generator) - (p.z() > 0 && p.head<2>().norm() < 20 ? dent_mm : 0);
     CloudPoint point;

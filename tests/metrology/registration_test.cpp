@@ -57,7 +57,7 @@ Made views_of(int count, double step_deg, double noise, unsigned seed) {
     for (const auto& c : spheres) {
       if (c.normalized().dot(towards) < 0.1) continue;
       view.spheres_mm.push_back(view_from_object * c +
-                                noise / 5 * Eigen::Vector3d(normal(generator), normal(generator), normal(generator)));
+                                noise / 5 * Eigen::Vector3d{normal(generator), normal(generator), normal(generator)});
     }
     // Every 0.8 mm over the half that faces the camera, shifted from view to view so that no two share a point.
     constexpr double kStep = 0.01;

@@ -11,6 +11,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <boost/math/distributions/chi_squared.hpp>
 
 #include <algorithm>
 
@@ -171,14 +172,31 @@ TEST(IllPosed, PosesAtOneDistanceAreFlaggedAtTheEndsOfTheDepth) {
 }
 
 TEST(CrossValidation, HalvesOfGoodViewsAgreeWithinWhatTheyAllow) {
-  const auto halves = calib::solve_halves(good());
-  ASSERT_TRUE(halves) << halves.error().sentence;
-  const auto compared = compare_scanners(halves->first, halves->second);
-  ASSERT_TRUE(compared) << compared.error().sentence;
-  std::printf("halves: %s\n", verdict_of(*compared).c_str());
-  // Some ten independent ways to differ: the ratio of rms values is within 1 +- 3 / sqrt(20).
-  EXPECT_LT(compared->ratio, 1.7);
-  EXPECT_GT(compared->ratio, 0.3);
+  constexpr int kRepeats = 20;
+  double squares = 0, variance = 0, below = 0;
+  int disagree = 0;
+  for (int seed = 1; seed <= kRepeats; ++seed) {
+    const auto whole = calibrated(
+        test::views(test::known_scanner(), test::known_board(), 12, {.seed = static_cast<std::uint64_t>(seed)}));
+    ASSERT_TRUE(whole) << whole.error().sentence;
+    const auto halves = calib::solve_halves(*whole);
+    ASSERT_TRUE(halves) << halves.error().sentence;
+    const auto compared = compare_scanners(halves->first, halves->second);
+    ASSERT_TRUE(compared) << compared.error().sentence;
+    squares += compared->ratio * compared->ratio / kRepeats;
+    variance += 2 / compared->ways / kRepeats;
+    const boost::math::chi_squared chi2(compared->ways);
+    below += boost::math::cdf(chi2, compared->ways * compared->ratio * compared->ratio) / kRepeats;
+    disagree += compared->ratio > compared->limit;
+  }
+  std::printf("halves: squared ratio %.3f, variance %.3f, probability %.3f, %d of %d disagree\n", squares, variance,
+              below, disagree, kRepeats);
+  // Mean and probability (even over 0 .. 1, standard deviation 0.29) within three of their chances; halves of six poses are
+  // widened now and then without need (joint_solve.h, eq. 4), which leaves both below what they ought to be.
+  EXPECT_NEAR(squares, 1, 3 * std::sqrt(variance / kRepeats));
+  EXPECT_NEAR(below, 0.5, 3 * 0.289 / std::sqrt(kRepeats));
+  // One in a hundred is expected; three or more of 20 have a chance of 0.001.
+  EXPECT_LE(disagree, 2);
 }
 
 TEST(CrossValidation, ResidualsOfGoodViewsAreNoiseAndOthersAreSaidWhere) {
@@ -200,39 +218,54 @@ TEST(CrossValidation, ResidualsOfGoodViewsAreNoiseAndOthersAreSaidWhere) {
   EXPECT_NEAR((*judged)[2].common_px, 0.025, 0.005);
 }
 
-TEST(NextPose, LowersTheWorstUncertaintyByAboutWhatItSays) {
-  // Five poses, the proposed sixth added and everything solved again. The seed is one whose poses agree: where one pose
-  // alone says what a corner of the field is like, the scatter from pose to pose often widens all u (joint_solve.h, eq. 4),
-  // which is no part of the forecast.
+/// Five poses, the proposed sixth added and everything solved again: how the worst point's u was, is forecast to be, is.
+struct Forecast {
+  double before_mm, forecast_mm, after_mm;
+};
+
+/// Nothing where the poses disagree: where one pose alone says what a corner of the field is like, the scatter from pose
+/// to pose often widens all u (joint_solve.h, eq. 4), which is no part of the forecast.
+std::optional<Forecast> forecast(std::uint64_t seed) {
   const model::Scanner truth = test::known_scanner();
-  auto views = test::views(truth, test::known_board(), 5, {.seed = 1});
-  const auto before = calibrated(views);
-  ASSERT_TRUE(before) << before.error().sentence;
-  const auto grid = samples_of(*before, {});
-  const auto by = derivatives(*before, grid);
-  ASSERT_TRUE(by);
-  const auto next = calib::propose_next_pose(*before, *by, heights_of(*before, {}));
-  ASSERT_TRUE(next) << next.error().sentence;
-  const auto& best = next->best.front();
-  std::printf("%s\n", calib::words_of(best, next->worst_now_mm).c_str());
-  EXPECT_LT(best.worst_mm, next->worst_now_mm);
+  auto views = test::views(truth, test::known_board(), 5, {.seed = seed});
+  const model::Scanner before = calibrated(views).value();
+  const auto by = derivatives(before, samples_of(before, {})).value();
+  const auto next = calib::propose_next_pose(before, by, heights_of(before, {})).value();
+  const auto& best = next.best.front();
   // The same pose in the true scanner's cam.
   const Eigen::Quaterniond turn(Eigen::AngleAxisd(best.about_x_deg * 3.14159265 / 180, Eigen::Vector3d::UnitX()) *
                                 Eigen::AngleAxisd(best.about_y_deg * 3.14159265 / 180, Eigen::Vector3d::UnitY()));
   const Eigen::Vector3d middle = 0.5 * test::known_board().corner_mm(8, 6);
-  const Eigen::Vector3d at = before->world_from_cam().inverse() * best.middle_in_world_mm;
-  const auto more = test::view_at(truth, test::known_board(), {turn, at - turn * middle}, {.seed = 8});
-  ASSERT_GE(more.corners.size(), 32u);
+  const Eigen::Vector3d at = before.world_from_cam().inverse() * best.middle_in_world_mm;
+  const auto more = test::view_at(truth, test::known_board(), {turn, at - turn * middle}, {.seed = 100 + seed});
+  EXPECT_GE(more.corners.size(), 32u);
   views.push_back(more);
-  const auto after = calibrated(views);
-  ASSERT_TRUE(after) << after.error().sentence;
-  for (const auto* s : {&*before, &*after}) ASSERT_EQ(s->method.find("widened"), std::string::npos) << s->method;
-  const auto map = uncertainty_map(*after, {.section_steps = 0});
-  ASSERT_TRUE(map);
-  std::printf("found %.4f mm\n", map->worst_mm);
-  EXPECT_LT(map->worst_mm, next->worst_now_mm);
-  // The scales of the readings are estimated anew (some 5 %) and so is the captures' phase offset, from six values: 30 %.
-  EXPECT_NEAR(map->worst_mm, best.worst_mm, 0.35 * best.worst_mm);
+  const model::Scanner after = calibrated(views).value();
+  for (const auto* s : {&before, &after}) {
+    if (s->method.find("widened") != std::string::npos) return std::nullopt;
+  }
+  return Forecast{next.worst_now_mm, best.worst_mm, uncertainty_map(after, {.section_steps = 0}).value().worst_mm};
+}
+
+TEST(NextPose, LowersTheWorstUncertaintyByAboutWhatItSays) {
+  // The captures' phase offset is estimated anew, from six values, and knows its standard deviation to 1 / sqrt(2 * 5): so
+  // does what is found. The scales of the readings (some 5 %) add nothing to that.
+  const double scatter = 1 / std::sqrt(10.0);
+  int forecasts = 0;
+  double sum = 0;
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    const auto f = forecast(seed);
+    if (!f) continue;
+    ++forecasts;
+    std::printf("from %.4f to %.4f mm, found %.4f mm\n", f->before_mm, f->forecast_mm, f->after_mm);
+    EXPECT_LT(f->forecast_mm, f->before_mm);
+    EXPECT_LT(f->after_mm, f->before_mm);
+    const double off = std::log(f->after_mm / f->forecast_mm);
+    EXPECT_NEAR(off, 0, 3 * scatter) << "seed " << seed;
+    sum += off;
+  }
+  ASSERT_GE(forecasts, 4);
+  EXPECT_NEAR(sum / forecasts, 0, 3 * scatter / std::sqrt(forecasts));
 }
 
 TEST(UncertaintyPage, ShowsSectionsAndWords) {
