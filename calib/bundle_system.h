@@ -61,6 +61,11 @@ struct Scatter {
   int count = 0;
 };
 
+/// F of eq. 4, what it is on the mean if the model is true, and of how many degrees of freedom.
+struct PoseScatter {
+  double ratio = 0, expected = 1, ways = 1;
+};
+
 class BundleSystem {
  public:
   BundleSystem(const Bundle& bundle, const FreeTerms& free, const Components& components, double loss_scale = 0);
@@ -91,11 +96,18 @@ class BundleSystem {
   };
   Result<Posterior> posterior(const Bundle& bundle) const;
 
-  /// Covariance of the reported unknowns from what leaving out one pose at a time would change (one Newton step each from
-  /// the linearisation), the jackknife over poses: (n - 1) / n sum_j (d_j - mean)(d_j - mean)^T,
-  ///   d_j = (S - I_j)^-1 g'_j,  I_j, g'_j the pose's own part of S and of the reduced gradient in eq. 1           (3)
-  /// Views of a flat are few and unlike the others: they stay. It needs no model of how the readings of one pose err together. [Efron1982] No result: a pose that nothing replaces.
-  Result<Eigen::MatrixXd> jackknife(const Bundle& bundle) const;
+  /// What leaving out one of n poses at a time would change (one Newton step each from the linearisation), the jackknife
+  /// [Efron1982], which needs no model of how the readings of one pose err together. Views of a flat are few and unlike
+  /// the others: they stay.
+  ///   d_j = R_j g'_j,  R_j = (S - I_j)^-1,  I_j, g'_j the pose's own part of S and of the reduced gradient in eq. 1   (3)
+  ///   F = mean over the K reported unknowns of (n - 1) / n sum_j (d_j - mean)_k^2 / C_kk                              (4)
+  /// C_kk: `stated`. If the model is true, g' scatters with cov(g'_i, g'_j) = delta_ij I_j - I_i S^-1 I_j, so that all d_j
+  /// at once have the covariance
+  ///   V_ij = delta_ij R_j I_j R_j - M_i M_j^T,  M_j M_j^T = R_j I_j S^-1 I_j R_j                                      (5)
+  /// from which F's expectation follows (more than 1 where poses have few others to replace them) and, with its variance,
+  /// the degrees of freedom of the chi^2 that is nearest to it (metrology/compare_scanners.h, eq. 3).
+  /// No result: a pose that nothing replaces.
+  Result<PoseScatter> pose_scatter(const Bundle& bundle, const Eigen::VectorXd& stated) const;
 
   /// What the sights of a bundle say of the reported unknowns, those of its poses eliminated (S of eq. 1, without priors on
   /// shared unknowns). The system must not have other shared unknowns. No value: a pose that its sights leave open.
@@ -113,6 +125,13 @@ class BundleSystem {
     Eigen::MatrixXd a, w;  // A_j, W_j
     Eigen::VectorXd g;
   };
+  /// S, and what each pose of a board adds to it and to the gradient.
+  struct Parts {
+    Eigen::MatrixXd all;
+    std::vector<Eigen::MatrixXd> information;
+    std::vector<Eigen::VectorXd> gradient;
+  };
+  Result<Parts> parts_of(const Bundle& bundle) const;
   void add_names(const Bundle& bundle);
   void add_priors(const Bundle& bundle);
   double prior_cost(const Bundle& b) const;

@@ -5,6 +5,7 @@
 #include "core/statistics.h"
 
 #include <Eigen/Cholesky>
+#include <boost/math/distributions/chi_squared.hpp>
 
 #include <fmt/format.h>
 
@@ -23,6 +24,7 @@ constexpr double kAbsent = 0.03;
 // any error would drown the priors in rounding. The same holds for what scatters from capture to capture.
 constexpr double kLeastScale = 1e-3;
 
+constexpr double kByChance = 0.01;  // eq. 4
 constexpr std::size_t kGroups = 3;
 std::size_t index_of(Group group) { return static_cast<std::size_t>(group); }
 Group group_of(const Sight& s, std::size_t row) {
@@ -459,16 +461,16 @@ Eigen::MatrixXd Solver::over_the_place_along(const BundleSystem& system, const E
 }
 
 void Solver::check_poses(const BundleSystem& system, const BundleSystem::Posterior& posterior, SolveReport& out) const {
-  const auto jackknife = system.jackknife(bundle_);
   const double n = static_cast<double>(bundle_.cam_from_board.size()) - bundle_.flats;
   // Without one of three poses the rest seldom determine anything; with them alone there is no scatter to judge by.
-  if (!jackknife || n < 4) return;
+  if (n < 4) return;
   Eigen::MatrixXd& covariance = out.covariance.covariance;
-  const double k = static_cast<double>(covariance.rows());
-  const auto stated = posterior.shared.diagonal().head(covariance.rows());
-  out.pose_scatter = jackknife->diagonal().cwiseQuotient(stated).mean();  // eq. 4
-  // Each ratio scatters as chi2 / (n - 1) about 1; about half of the parameters vary on their own.
-  out.pose_scatter_limit = 1.0 + 4.0 * std::sqrt(4.0 / ((n - 1.0) * k));
+  const auto found = system.pose_scatter(bundle_, posterior.shared.diagonal().head(covariance.rows()));
+  if (!found) return;
+  out.pose_scatter = found->ratio;
+  const boost::math::chi_squared chi2(found->ways);
+  out.pose_scatter_limit =
+      found->expected * boost::math::quantile(boost::math::complement(chi2, kByChance)) / found->ways;
   if (!(out.pose_scatter > out.pose_scatter_limit)) return;
   out.widened = std::sqrt(out.pose_scatter * (n - 1.0) / std::max(n - 3.0, 1.0));
   covariance *= out.widened * out.widened;

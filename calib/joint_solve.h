@@ -17,11 +17,11 @@
 // is below 1e-3 standard uncertainties:
 //   g^T N^-1 g < 1e-6                                                                                          (3)
 // Errors that the model lacks (a board that creases when it is moved, a camera that shifts in its mount) show as parameters
-// that scatter more from pose to pose than the covariance C allows. With C_J the jackknife over poses (bundle_system.h,
-// eq. 3),
+// that scatter more from pose to pose than the covariance C allows. With C_J the jackknife over poses,
 //   F = mean of C_J,kk / C_kk over the parameters                                                              (4)
-// is 1 +- sqrt(4 / ((n - 1) K)) for a model that is true, K parameters and n poses. Beyond four of these C is multiplied by
-// F (n - 1) / (n - 3): the second factor because n poses know their own scatter badly [JCGM101, 6.4.9.2].
+// Beyond what a model that is true gives in one case of a hundred (its expectation and its degrees of freedom:
+// bundle_system.h, eqs. 4 and 5) C is multiplied by F (n - 1) / (n - 3): the second factor because n poses know their own
+// scatter badly [JCGM101, 6.4.9.2].
 // The place t of a one-axis projector along the fringes enters through its distortion only, as products of t with k1 and
 // k2, which are hardly known better: along t the solution curves by a good part of the others' standard deviations, and
 // off the level there is information on k2 that is absent on it. So C is not taken linear along t. With the solutions at
