@@ -24,7 +24,7 @@ constexpr double kAbsent = 0.03;
 // any error would drown the priors in rounding. The same holds for what scatters from capture to capture.
 constexpr double kLeastScale = 1e-3;
 
-constexpr double kByChance = 0.01;  // eq. 4
+constexpr double kByChance = 1e-3;  // eq. 4
 constexpr std::size_t kGroups = 3;
 std::size_t index_of(Group group) { return static_cast<std::size_t>(group); }
 Group group_of(const Sight& s, std::size_t row) {

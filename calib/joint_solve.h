@@ -19,7 +19,7 @@
 // Errors that the model lacks (a board that creases when it is moved, a camera that shifts in its mount) show as parameters
 // that scatter more from pose to pose than the covariance C allows. With C_J the jackknife over poses,
 //   F = mean of C_J,kk / C_kk over the parameters                                                              (4)
-// Beyond what a model that is true gives in one case of a hundred (its expectation and its degrees of freedom:
+// Beyond what a model that is true gives in one case of a thousand (its expectation and its degrees of freedom:
 // bundle_system.h, eqs. 4 and 5) C is multiplied by F (n - 1) / (n - 3): the second factor because n poses know their own
 // scatter badly [JCGM101, 6.4.9.2].
 // The place t of a one-axis projector along the fringes enters through its distortion only, as products of t with k1 and
