@@ -91,7 +91,7 @@ PartialCapture::PartialCapture(fs::path folder, Job job)
 }
 
 std::string PartialCapture::file_name(std::size_t pattern, std::size_t exposure) const {
-  const std::string name = frame_file_name(pattern, job_.info.plan.patterns[pattern]);
+  std::string name = frame_file_name(pattern, job_.info.plan.patterns[pattern]);
   if (job_.exposures == 1) return name;
   return fmt::format("{}.exposure_{}.png", fs::path(name).stem().string(), exposure);
 }

@@ -135,6 +135,7 @@ const char* name_of(Measurand measurand) {
 
 std::vector<std::string> shipped_plans() {
   std::vector<std::string> out;
+  out.reserve(kPlanTexts.size());
   for (const auto& [name, text] : kPlanTexts) out.emplace_back(name);
   return out;
 }

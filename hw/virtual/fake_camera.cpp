@@ -16,6 +16,7 @@
 #include <atomic>
 #include <cerrno>
 #include <chrono>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <optional>
@@ -135,7 +136,7 @@ void FakeCamera::Device::start() {
   set(ARV_FAKE_CAMERA_REGISTER_WIDTH, static_cast<std::uint32_t>(options.width_px));
   set(ARV_FAKE_CAMERA_REGISTER_HEIGHT, static_cast<std::uint32_t>(options.height_px));
   set(ARV_FAKE_CAMERA_REGISTER_PIXEL_FORMAT, options.bits > 8 ? ARV_PIXEL_FORMAT_MONO_12 : ARV_PIXEL_FORMAT_MONO_8);
-  set(ARV_FAKE_CAMERA_REGISTER_EXPOSURE_TIME_US, static_cast<std::uint32_t>(1e3 * options.exposure_ms + 0.5));
+  set(ARV_FAKE_CAMERA_REGISTER_EXPOSURE_TIME_US, static_cast<std::uint32_t>(std::lround(1e3 * options.exposure_ms)));
   // It looks for a trigger in this rhythm, and spins through the last millisecond before each look: at 1000 Hz it would
   // keep a processor busy for as long as a client is connected.
   arv_fake_camera_set_trigger_frequency(camera, 100.0);

@@ -151,7 +151,7 @@ void read_plate(Fields f, Preset& p) {
 void read_scenes(Fields f, Preset& p) {
   const auto simple = [&](const char* name, std::initializer_list<const char*> objects) {
     Fields scene = f.table(name);
-    const auto out = placing_from(scene, objects);
+    auto out = placing_from(scene, objects);
     scene.finish();
     return out;
   };

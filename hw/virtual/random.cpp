@@ -18,6 +18,7 @@ const std::vector<float>& quantile_table() {
       variance += exact[static_cast<std::size_t>(i)] * exact[static_cast<std::size_t>(i)] / kSize;
     }
     std::vector<float> out;
+    out.reserve(exact.size());
     for (const double x : exact) out.push_back(static_cast<float>(x / std::sqrt(variance)));
     return out;
   }();
