@@ -167,12 +167,14 @@ Result<std::vector<Body>> bodies_of(const Observation& o) {
   const auto found = measure_artefacts(o.cloud, o.scanner, nominals);
   if (!found) return tl::unexpected(found.error());
   std::vector<Body> out;
+  out.reserve(found->size());
   for (const auto& m : *found) out.push_back({m.kind, m.points_mm});
   return out;
 }
 
 std::vector<Body> thinned(const std::vector<Body>& bodies) {
   std::vector<Body> out;
+  out.reserve(bodies.size());
   for (const auto& body : bodies) out.push_back({body.kind, metrology::thinned(body.points, kThinned)});
   return out;
 }
@@ -181,6 +183,7 @@ std::vector<Body> thinned(const std::vector<Body>& bodies) {
 Result<Eigen::VectorXd> read_through(const std::vector<Body>& bodies, const std::vector<Gauge>& gauges,
                                      const model::Scanner& seen_by, const model::Scanner& reader) {
   std::vector<Body> moved;
+  moved.reserve(bodies.size());
   for (const auto& body : bodies) moved.push_back({body.kind, retriangulate(body.points, seen_by, reader)});
   const auto figures = figures_of(moved, gauges);
   if (!figures) return tl::unexpected(figures.error());

@@ -224,7 +224,7 @@ struct HttpServer::State {
     server.Get(".*", handle);
     server.Post(".*", handle);
     server.set_exception_handler(
-        [](const httplib::Request& request, httplib::Response& response, std::exception_ptr e) {
+        [](const httplib::Request& request, httplib::Response& response, const std::exception_ptr& e) {
           try {
             std::rethrow_exception(e);
           } catch (const std::exception& failure) {

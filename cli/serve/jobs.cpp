@@ -87,6 +87,7 @@ void write_job(const fs::path& folder, const Job& job) {
 pid_t start_program(std::vector<std::string> words, const fs::path& folder, bool session, int lock) {
   words.insert(words.begin(), "fringecal");
   std::vector<char*> argv;
+  argv.reserve(words.size() + 1);
   for (std::string& word : words) argv.push_back(word.data());
   argv.push_back(nullptr);
   const std::string out = (folder / "output").string(), err = (folder / "errors").string();

@@ -41,6 +41,7 @@ class LiveChild {
                                       scanner.string(), "--pattern", kPattern,
                                       "--json",         "--picture", std::to_string(kPictureWidth)};
     std::vector<char*> argv;
+    argv.reserve(words.size() + 1);
     for (std::string& word : words) argv.push_back(word.data());
     argv.push_back(nullptr);
     int ends[2];

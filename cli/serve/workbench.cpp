@@ -87,7 +87,7 @@ bool there(const fs::path& file) {
   return fs::exists(file, error);
 }
 
-Workbench::Workbench(fs::path folder) : folder_(fs::absolute(folder).lexically_normal()) {
+Workbench::Workbench(const fs::path& folder) : folder_(fs::absolute(folder).lexically_normal()) {
   if (!folder_.has_filename()) folder_ = folder_.parent_path();
   if (there(folder_ / "commission.json")) {
     commissioning_name_ = folder_.filename().string();

@@ -25,7 +25,7 @@ bool there(const std::filesystem::path& file);
 
 class Workbench {
  public:
-  explicit Workbench(std::filesystem::path folder);
+  explicit Workbench(const std::filesystem::path& folder);
   const std::filesystem::path& folder() const { return folder_; }
   std::filesystem::path commissioning() const { return folder_ / commissioning_name_; }
   std::filesystem::path history() const { return folder_ / "history.db"; }

@@ -135,7 +135,7 @@ Value Workbench::clouds() const {
 }
 
 fs::path Workbench::cloud_file(const std::string& name) const {
-  const fs::path file = folder_ / "clouds" / name;
+  fs::path file = folder_ / "clouds" / name;
   std::error_code error;
   if (!plain(name) || file.extension() != ".ply" || !fs::is_regular_file(fs::symlink_status(file, error))) {
     throw InputError(fmt::format("there is no cloud \"{}\"", name));

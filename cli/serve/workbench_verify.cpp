@@ -90,7 +90,7 @@ Value Workbench::verification_space(const std::string& name) const {
 
 fs::path Workbench::verification_cloud(const std::string& name, const std::string& cloud) const {
   static const std::regex kCloud("[A-Za-z0-9_-]{1,99}\\.ply");
-  const fs::path file = verification_folder(name) / "clouds" / cloud;
+  fs::path file = verification_folder(name) / "clouds" / cloud;
   std::error_code error;
   if (!std::regex_match(cloud, kCloud) || !fs::is_regular_file(fs::symlink_status(file, error))) {
     throw InputError(fmt::format("there is no cloud \"{}\" in \"{}\"", cloud, name));
