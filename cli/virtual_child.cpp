@@ -1,5 +1,6 @@
 #include "cli/virtual_child.h"
 
+#include "cli/argument_vector.h"
 #include "core/error.h"
 #include "core/value.h"
 
@@ -25,9 +26,7 @@ constexpr std::chrono::seconds kEndLimit{10};
 
 /// Starts this program's own file. Returns the process; its standard output goes to `output`.
 pid_t start(std::vector<std::string> words, int output) {
-  std::vector<char*> argv;
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
+  const std::vector<char*> argv = argument_vector(words);
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);
   posix_spawn_file_actions_adddup2(&files, output, STDOUT_FILENO);

@@ -1,5 +1,6 @@
 #include "cli/serve/jobs.h"
 
+#include "cli/argument_vector.h"
 #include "core/error.h"
 #include "core/fields.h"
 #include "core/file.h"
@@ -86,10 +87,7 @@ void write_job(const fs::path& folder, const Job& job) {
 /// This program with these words, in a session of its own or not; its standard output and error go to files there.
 pid_t start_program(std::vector<std::string> words, const fs::path& folder, bool session, int lock) {
   words.insert(words.begin(), "fringecal");
-  std::vector<char*> argv;
-  argv.reserve(words.size() + 1);
-  for (std::string& word : words) argv.push_back(word.data());
-  argv.push_back(nullptr);
+  const std::vector<char*> argv = argument_vector(words);
   const std::string out = (folder / "output").string(), err = (folder / "errors").string();
   posix_spawn_file_actions_t files;
   posix_spawn_file_actions_init(&files);

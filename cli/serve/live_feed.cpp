@@ -1,5 +1,6 @@
 #include "cli/serve/live_feed.h"
 
+#include "cli/argument_vector.h"
 #include "cli/serve/capture_watch.h"
 #include "cli/serve/state_feed.h"
 #include "cli/virtual_child.h"
@@ -40,10 +41,7 @@ class LiveChild {
     std::vector<std::string> words = {"fringecal",      "live",      "--scanner",
                                       scanner.string(), "--pattern", kPattern,
                                       "--json",         "--picture", std::to_string(kPictureWidth)};
-    std::vector<char*> argv;
-    argv.reserve(words.size() + 1);
-    for (std::string& word : words) argv.push_back(word.data());
-    argv.push_back(nullptr);
+    const std::vector<char*> argv = argument_vector(words);
     int ends[2];
     if (pipe2(ends, O_CLOEXEC) != 0) throw EnvironmentError("serve: no channel to the live picture");
     output_ = ends[0];
