@@ -72,7 +72,7 @@ std::string command_page(const CLI::App& command, const std::string& path) {
 }
 
 std::string manual_page(const CLI::App& program) {
-  const std::string name = program.get_name();
+  const std::string& name = program.get_name();
   std::string out = fmt::format(
       ".TH FRINGECAL 1 \"\" \"fringecal {}\" \"User Commands\"\n.SH NAME\n{}\n.SH SYNOPSIS\n.B {}\ncommand [options]\n"
       ".SH COMMANDS\n",
@@ -131,7 +131,7 @@ std::string bash_completion(const std::vector<Words>& all) {
 /// For a zsh array in single quotes, "name:description".
 std::string zsh_entry(const std::string& name, const std::string& description) {
   std::string out;
-  for (const char c : name + "\x01" + description) {
+  for (const char c : fmt::format("{}\x01{}", name, description)) {
     if (c == '\'')
       out += "'\\''";
     else if (c == ':')
