@@ -99,6 +99,7 @@ Result<PoseScatter> BundleSystem::pose_scatter(const Bundle& b, const Eigen::Vec
   out.expected = (1 - 1 / poses) * d_sum.trace() - mm.trace();
   const double variance =
       (1 - 2 / poses) * squares + d_sum.squaredNorm() / (poses * poses) - 2 * mixed + mm.squaredNorm();
+  if (!(out.expected > 0) || !(variance > 0)) return unanswerable("no pose has a part in what is found");
   out.ways = out.expected * out.expected / variance;
   return out;
 }
